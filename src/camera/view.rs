@@ -1,0 +1,121 @@
+//! One frame's view, immutable.
+
+use crate::geodesy::{Ecef, Geodetic, OrientedBox, Point, Transform};
+use glam::{DMat3, DVec3, Mat3, Mat4, Vec4};
+
+/// The frame of a view: x right, y up, z backwards; metres from the eye.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum ViewAxes {}
+
+/// Where an eye is and where it looks.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Pose {
+    pub eye: Geodetic,
+    /// Clockwise from north.
+    pub heading_rad: f64,
+    /// Up from the horizon; −π/2 looks straight down.
+    pub pitch_rad: f64,
+}
+
+/// Eye, axes, field of view and size of a picture.
+#[derive(Clone, Copy, Debug)]
+pub struct View {
+    pub pose: Pose,
+    pub fov_y_rad: f64,
+    pub size_px: [u32; 2],
+    ecef_from_view: Transform<Ecef, ViewAxes>,
+}
+
+impl View {
+    pub fn new(pose: Pose, fov_y_rad: f64, size_px: [u32; 2]) -> Self {
+        let ecef_from_enu = pose.eye.ecef_from_enu();
+        let (sin_h, cos_h) = pose.heading_rad.sin_cos();
+        let (sin_p, cos_p) = pose.pitch_rad.sin_cos();
+        let right = DVec3::new(cos_h, -sin_h, 0.0);
+        let forward = DVec3::new(sin_h * cos_p, cos_h * cos_p, sin_p);
+        let axes = ecef_from_enu.rotation() * DMat3::from_cols(right, right.cross(forward), -forward);
+        Self { pose, fov_y_rad, size_px, ecef_from_view: Transform::new(axes, ecef_from_enu.origin().xyz()) }
+    }
+
+    pub fn eye(&self) -> Point<Ecef> {
+        self.ecef_from_view.origin()
+    }
+
+    pub fn ecef_from_view(&self) -> Transform<Ecef, ViewAxes> {
+        self.ecef_from_view
+    }
+
+    pub fn forward(&self) -> DVec3 {
+        -self.ecef_from_view.rotation().z_axis
+    }
+
+    pub fn aspect(&self) -> f64 {
+        f64::from(self.size_px[0]) / f64::from(self.size_px[1])
+    }
+
+    /// Pixels that one metre takes at one metre's distance: viewport_h_px / (2 tan(fov_y/2)).
+    pub fn focal_px(&self) -> f64 {
+        f64::from(self.size_px[1]) / (2.0 * (self.fov_y_rad / 2.0).tan())
+    }
+
+    /// Screen-space size of `size_m` at `distance_m`, which counts as at least 1 m (design: screen error).
+    pub fn projected_px(&self, size_m: f64, distance_m: f64) -> f64 {
+        size_m * self.focal_px() / distance_m.max(1.0)
+    }
+
+    /// Rotation from eye-relative ECEF axes to view axes, f32.
+    pub fn view_from_eye(&self) -> Mat3 {
+        self.ecef_from_view.rotation().transpose().as_mat3()
+    }
+
+    /// Reversed-Z projection with the far plane at infinity: depth is near/z, 1 at `near_m`, 0 at infinity.
+    pub fn clip_from_view(&self, near_m: f32) -> Mat4 {
+        let y = (1.0 / (self.fov_y_rad / 2.0).tan()) as f32;
+        let x = y / self.aspect() as f32;
+        Mat4::from_cols(Vec4::X * x, Vec4::Y * y, Vec4::new(0.0, 0.0, 0.0, -1.0), Vec4::Z * near_m)
+    }
+
+    pub fn frustum(&self) -> Frustum {
+        let rotation = self.ecef_from_view.rotation();
+        let tan_y = (self.fov_y_rad / 2.0).tan();
+        let tan_x = tan_y * self.aspect();
+        let side = |x: f64, y: f64, z: f64| rotation * DVec3::new(x, y, z).normalize();
+        Frustum {
+            eye: self.eye(),
+            inward: [
+                side(1.0, 0.0, -tan_x),
+                side(-1.0, 0.0, -tan_x),
+                side(0.0, 1.0, -tan_y),
+                side(0.0, -1.0, -tan_y),
+            ],
+        }
+    }
+
+    /// Pixel position (x right, y down) of a point; `None` behind the eye.
+    pub fn project_px(&self, point: Point<Ecef>) -> Option<[f64; 2]> {
+        let p = (self.ecef_from_view.inverse() * point).xyz();
+        let focal = self.focal_px();
+        (p.z < 0.0).then(|| {
+            [
+                f64::from(self.size_px[0]) / 2.0 + focal * p.x / -p.z,
+                f64::from(self.size_px[1]) / 2.0 - focal * p.y / -p.z,
+            ]
+        })
+    }
+}
+
+/// The four side planes of a view; all pass through the eye.
+#[derive(Clone, Copy, Debug)]
+pub struct Frustum {
+    eye: Point<Ecef>,
+    /// Unit normals that point inside.
+    inward: [DVec3; 4],
+}
+
+impl Frustum {
+    /// Whether a box may be inside: false only when it lies wholly outside one plane.
+    pub fn meets(&self, bounds: &OrientedBox) -> bool {
+        let to_center = (bounds.center - self.eye).xyz();
+        self.inward.iter().all(|&normal| to_center.dot(normal) >= -bounds.extent_along_m(normal))
+    }
+}

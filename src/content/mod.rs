@@ -1,0 +1,61 @@
+//! Decoded pages: terrain surfaces, imagery, objects. No files, no GPU.
+
+mod imagery;
+mod objects;
+pub mod rtin;
+mod terrain;
+
+pub use imagery::{IMAGERY_GUTTER_PX, IMAGERY_PX, IMAGERY_STORED_PX, ImageryPage};
+pub use objects::{CellObjects, Object, ObjectMesh, ObjectPage, ObjectVertex, Prism};
+pub use terrain::{TerrainMesh, TerrainPage, TerrainPost, TerrainVertex};
+
+use crate::forest::CellId;
+use std::sync::Arc;
+
+/// Posts along a side of a terrain page.
+pub const POSTS: usize = rtin::SIDE + 1;
+
+/// Which page of a cell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum PageKind {
+    Terrain,
+    Imagery,
+    /// The page of objects of a collection that is rooted at the cell; `rep` 0 is the finest.
+    Objects { collection: u8, rep: u8 },
+}
+
+/// Names a page of a world.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct PageId {
+    pub cell: CellId,
+    pub kind: PageKind,
+}
+
+/// A decoded page; cheap to clone.
+#[derive(Clone, Debug)]
+pub enum Page {
+    Terrain(Arc<TerrainPage>),
+    Imagery(Arc<ImageryPage>),
+    Objects(Arc<ObjectPage>, Arc<ObjectMesh>),
+}
+
+impl Page {
+    pub fn id(&self) -> PageId {
+        match self {
+            Self::Terrain(page) => PageId { cell: page.cell, kind: PageKind::Terrain },
+            Self::Imagery(page) => PageId { cell: page.cell, kind: PageKind::Imagery },
+            Self::Objects(page, _) => {
+                PageId { cell: page.root, kind: PageKind::Objects { collection: page.collection, rep: page.rep } }
+            }
+        }
+    }
+
+    /// Bytes of memory that the decoded page holds.
+    pub fn byte_len(&self) -> usize {
+        match self {
+            Self::Terrain(page) => page.byte_len(),
+            Self::Imagery(page) => page.byte_len(),
+            Self::Objects(page, mesh) => page.byte_len() + mesh.byte_len(),
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! Objects of one collection in a subtree of small cells: prisms over footprints, with walls and flat roofs.
+
+use crate::forest::CellId;
+use crate::geodesy::{Ecef, Point};
+use bytemuck::{Pod, Zeroable};
+use std::ops::Range;
+
+/// One object as stored: a footprint drawn up from its base.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prism {
+    /// Ordinal in the collection.
+    pub id: u32,
+    /// The cell that it lives in.
+    pub cell: CellId,
+    /// Longitude and latitude, radians: the outer ring counter-clockwise, then holes clockwise; not closed.
+    pub rings: Vec<Vec<[f64; 2]>>,
+    /// Triangles of the roof as indices into the rings laid end to end, counter-clockwise from above.
+    pub roof: Vec<[u16; 3]>,
+    /// Lower and upper edge of the visible walls above the ellipsoid, metres.
+    pub base_m: f32,
+    pub top_m: f32,
+    /// How far the walls go on below the base, metres; 0 for parts that hang in the air.
+    pub foundation_m: f32,
+    /// sRGB of walls and of the roof.
+    pub wall_color: [u8; 3],
+    pub roof_color: [u8; 3],
+}
+
+/// What is known of a drawn object.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Object {
+    pub id: u32,
+    pub cell: CellId,
+    /// Middle of the footprint's box at the base.
+    pub place: Point<Ecef>,
+    pub lat_rad: f64,
+    pub lon_rad: f64,
+    pub base_m: f32,
+    pub top_m: f32,
+    /// Largest side of the bounding box, height included, metres.
+    pub dimension_m: f32,
+    /// Largest horizontal side of the box in the local east-north-up frame, metres.
+    pub reach_m: f32,
+    pub wall_color: [u8; 3],
+    pub roof_color: [u8; 3],
+    /// Its indices in the page's mesh.
+    pub indices: Range<u32>,
+}
+
+/// A vertex as the GPU takes it: 16 bytes.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub struct ObjectVertex {
+    /// From the mesh's origin, ECEF axes, metres.
+    pub position_m: [f32; 3],
+    /// Index of the object in the page.
+    pub object: u16,
+    /// Direction of the outward normal over the horizon, 0 east, 64 north, in 256ths of a turn; for roofs unused.
+    pub azimuth: u8,
+    /// 0 wall, 1 roof.
+    pub surface: u8,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct ObjectMesh {
+    pub vertices: Vec<ObjectVertex>,
+    pub indices: Vec<u32>,
+}
+
+impl ObjectMesh {
+    pub fn byte_len(&self) -> usize {
+        size_of_val(&*self.vertices) + size_of_val(&*self.indices)
+    }
+}
+
+/// A decoded page of objects, less its mesh.
+#[derive(Clone, Debug)]
+pub struct ObjectPage {
+    /// The cell whose subtree it holds.
+    pub root: CellId,
+    pub collection: u8,
+    /// 0 is the finest.
+    pub rep: u8,
+    /// Bounds the distance between what is drawn and the source's shape, metres.
+    pub error_m: f32,
+    pub origin: Point<Ecef>,
+    /// Ordered by cell, so that each cell's objects and triangles are contiguous.
+    pub objects: Vec<Object>,
+    /// The directory: for each cell with objects, their range and their lowest and highest point (metres).
+    pub cells: Vec<CellObjects>,
+}
+
+/// The objects of one cell in a page.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CellObjects {
+    pub cell: CellId,
+    pub objects: Range<u32>,
+    pub height_range_m: (f32, f32),
+    /// Largest bounding dimension, metres.
+    pub dimension_m: f32,
+}
+
+impl ObjectPage {
+    /// Draws prisms up into a page and its mesh; prisms are put in order of their cells.
+    pub fn from_prisms(_root: CellId, _collection: u8, _rep: u8, _error_m: f32, _prisms: Vec<Prism>) -> (Self, ObjectMesh) {
+        todo!()
+    }
+
+    pub fn byte_len(&self) -> usize {
+        size_of::<Self>()
+            + size_of_val(&*self.objects)
+            + size_of_val(&*self.cells)
+    }
+
+    /// The indices that draw a range of objects.
+    pub fn indices_of(&self, objects: Range<u32>) -> Range<u32> {
+        match (self.objects.get(objects.start as usize), objects.end.checked_sub(1)) {
+            (Some(first), Some(last)) if objects.start <= last => {
+                first.indices.start..self.objects[last as usize].indices.end
+            }
+            _ => 0..0,
+        }
+    }
+}

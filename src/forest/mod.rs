@@ -1,0 +1,8 @@
+//! 32 zones of 45° × 45°, each the root of a quadtree (Davis et al. 1999, §III), thinned towards the poles.
+
+mod cell;
+pub mod index;
+mod neighbors;
+
+pub use cell::{CellId, LEVEL_MAX, Quadrant, ZONE_DEG, Zone, columns, thinning};
+pub use neighbors::Side;

@@ -1,0 +1,16 @@
+//! The Earth: WGS84, typed frames, bounds, horizon, geodesics, geoid.
+//!
+//! Everything is f64 and in metres and radians; degrees exist only in `from_degrees` and at the edges.
+
+mod bounds;
+mod ellipsoid;
+mod frame;
+mod horizon;
+
+pub use bounds::{GeoBounds, OrientedBox};
+pub use ellipsoid::{
+    ECCENTRICITY_SQ, FLATTENING, Geodetic, SEMI_MAJOR_M, SEMI_MINOR_M, ellipsoid_normal, meridian_radius_m,
+    prime_vertical_radius_m,
+};
+pub use frame::{Ecef, Enu, Point, Transform, Vector};
+pub use horizon::HorizonCone;

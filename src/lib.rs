@@ -1,0 +1,13 @@
+//! Stoop flies from the whole Earth to a doorstep without a pause, over worlds far larger than memory.
+//!
+//! The modules, lowest first, and who may use whom: ARCHITECTURE.md; `tests/layers.rs` enforces it.
+
+pub mod camera;
+pub mod cells;
+pub mod content;
+pub mod forest;
+pub mod geodesy;
+pub mod paging;
+pub mod select;
+pub mod store;
+pub mod units;

@@ -1,0 +1,115 @@
+//! Which reps should be drawn, which can be, and which pages to ask for. Pure: reads no clock, file, thread or GPU.
+
+use crate::camera::View;
+use crate::cells::LiveTree;
+use crate::content::{ObjectPage, PageId, TerrainPage};
+use crate::forest::CellId;
+use crate::forest::index::{IndexForest, Place};
+use std::ops::Range;
+use std::sync::Arc;
+
+/// VGIS's four ways to draw objects (Davis et al. 1999, §V).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ObjectsMode {
+    /// No objects.
+    Off,
+    /// All objects of the cells in view, without thresholds.
+    Flat,
+    /// Objects above the threshold, by cell.
+    Cells,
+    /// Groups stand in for small objects where the world has them.
+    Groups,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SelectParams {
+    /// Allowed screen-space error, pixels; above 0.
+    pub tolerance_px: f64,
+    /// Projected bounding dimension below which an object is neither drawn nor paged, pixels.
+    pub threshold_px: f64,
+    pub objects: ObjectsMode,
+}
+
+/// How badly a page is wanted; the order is the order of service.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum Urgency {
+    Predicted,
+    Visible,
+    /// The ground under the eye.
+    Blocking,
+}
+
+/// A wish for a page. All pages of the front are demanded in every frame, resident ones too, so that the request
+/// manager knows what not to drop.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Demand {
+    pub page: PageId,
+    pub place: Place,
+    pub urgency: Urgency,
+    /// Within a class: larger first; expected fall of debt per byte.
+    pub gain: f64,
+}
+
+/// A piece of terrain to draw: a cell with the pages that its layers come from.
+#[derive(Clone, Debug)]
+pub struct DrawPiece {
+    pub cell: CellId,
+    /// Of the cell or its nearest drawable ancestor; cut to the cell.
+    pub terrain: Arc<TerrainPage>,
+    /// Cell of the picture, this one or an ancestor; `None` draws a plain colour.
+    pub imagery: Option<CellId>,
+    /// Morph weight: 0 draws the parent's surface, 1 the page's own.
+    pub own: f32,
+    /// Depth of the skirts: the largest errors drawn on both sides of the seam, metres.
+    pub skirt_m: f32,
+}
+
+/// Objects to draw of a resident page.
+#[derive(Clone, Debug)]
+pub struct DrawObjects {
+    pub page: Arc<ObjectPage>,
+    /// Ranges of `page.objects`, ascending and apart.
+    pub objects: Vec<Range<u32>>,
+}
+
+/// Where drawn ground would bury the eye: it is pressed down round the eye in the vertex shader.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct GroundPress {
+    /// How far the ground is lowered at the eye, metres.
+    pub depth_m: f32,
+    /// Full depth within this horizontal distance of the eye, none beyond twice of it, metres.
+    pub radius_m: f32,
+}
+
+/// Counts and measures of one selection.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct SelectStats {
+    pub cells_tested: u32,
+    pub cells_culled: u32,
+    pub objects_tested: u32,
+    pub objects_drawn: u32,
+    pub objects_culled: u32,
+    pub pages_missing: u32,
+    /// Detail debt, px: sum over the layers of the screen-weighted mean excess.
+    pub debt_px: f64,
+    pub excess_max_px: f64,
+    pub excess_p99_px: f64,
+    /// Largest drawn screen error, whether or not the world has better, px.
+    pub raw_error_px: f64,
+    /// Share of the screen with excess 0, 0 to 1.
+    pub coverage: f64,
+}
+
+#[derive(Clone, Debug, Default)]
+pub struct Selection {
+    pub pieces: Vec<DrawPiece>,
+    pub objects: Vec<DrawObjects>,
+    pub demands: Vec<Demand>,
+    pub press: Option<GroundPress>,
+    pub stats: SelectStats,
+}
+
+/// The front of a view over what is resident.
+pub fn select(_index: &IndexForest, _cells: &LiveTree, _view: &View, _params: &SelectParams) -> Selection {
+    todo!()
+}
