@@ -53,7 +53,8 @@ pub fn explain_usage(error: &clap::Error) -> ExitCode {
         return if error.print().is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE };
     }
     let text = error.to_string();
-    let said = text.split("\n\nUsage:").next().unwrap_or(&text);
+    // Clap adds usage and hints in paragraphs of their own.
+    let said = text.split("\n\nUsage:").next().and_then(|said| said.split("\n\nFor more").next()).unwrap_or(&text);
     let said = one_line(said.trim_start_matches("error: "));
     eprintln!("stoop: {}; see --help", said.trim_end_matches('.'));
     ExitCode::from(USAGE)
