@@ -1,10 +1,13 @@
+<<<<<<< HEAD
 //! The program `stoop`: flies worlds and tells what is in them.
 
 mod check;
 mod cli;
 mod export;
+mod export_terrain;
 mod fly;
 mod info;
+mod place;
 mod probe;
 mod shot;
 
@@ -67,3 +70,6 @@ fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         None => Err(cli::NotYet::new("the window", "fly headless with `stoop fly WORLD --path FILE`").into()),
     }
 }
+=======
+fn main() {}
+>>>>>>> raster
