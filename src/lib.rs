@@ -9,12 +9,9 @@ pub mod engine;
 pub mod forest;
 pub mod geodesy;
 pub mod paging;
-<<<<<<< HEAD
 pub mod record;
-=======
 #[cfg(feature = "prepare")]
 pub mod prepare;
->>>>>>> raster
 pub mod select;
 pub mod store;
 pub mod units;

@@ -1,4 +1,3 @@
-<<<<<<< HEAD
 //! The program `stoop`: flies worlds and tells what is in them.
 
 mod check;
@@ -70,6 +69,3 @@ fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         None => Err(cli::NotYet::new("the window", "fly headless with `stoop fly WORLD --path FILE`").into()),
     }
 }
-=======
-fn main() {}
->>>>>>> raster
