@@ -11,6 +11,8 @@ pub enum PrepareError {
     Missing { file: String, asked: String },
     #[error("{file}: cannot be read: {source}; check that it exists and that you may read it")]
     Read { file: String, source: std::io::Error },
+    #[error("{file}: cannot be written: {source}; check the folder, your rights and the free space")]
+    Write { file: String, source: std::io::Error },
     /// The bytes are not what the format promises: truncated, damaged, or another format.
     #[error("{file}, {place}: damaged or truncated: {what}; fetch the file again or repair it")]
     Damaged { file: String, place: String, what: String },

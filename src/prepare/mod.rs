@@ -4,6 +4,7 @@
 pub mod crs;
 pub mod elevation;
 pub mod error;
+mod geotiff_write;
 pub mod imagery_source;
 pub mod raster;
 pub mod recipe;
@@ -11,6 +12,7 @@ pub mod source;
 
 pub use elevation::Elevation;
 pub use error::PrepareError;
+pub use geotiff_write::write_geotiff;
 pub use imagery_source::{PictureSource, Pictures};
 pub use recipe::Recipe;
 
