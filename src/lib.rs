@@ -8,6 +8,7 @@ pub mod content;
 pub mod forest;
 pub mod geodesy;
 pub mod paging;
+pub mod render;
 pub mod select;
 pub mod store;
 pub mod units;
