@@ -5,6 +5,9 @@
 
 const AIR_PER_M: vec3<f32> = vec3<f32>(5.8e-6, 13.5e-6, 33.1e-6);
 const AIR_SCALE_M: f32 = 8000.0;
+// Share of the air's scattering that veils the ground: the rest comes back as light on it, which pictures have
+// already. The whole of it would wash dark pictures out from far above.
+const VEIL: f32 = 0.3;
 // Light that air and haze scatter towards the eye when no end of them is in sight.
 const AIRLIGHT: vec3<f32> = vec3<f32>(0.72, 0.82, 0.95);
 // Between these heights of the eye the in-air formula hands over to the one for an eye in space.
@@ -52,7 +55,7 @@ fn path_to(from_eye: vec3<f32>, height_m: f32, up: vec3<f32>, scale_m: f32) -> f
 fn through_air(lit: vec3<f32>, from_eye: vec3<f32>, height_m: f32, up: vec3<f32>) -> vec3<f32> {
     let air = path_to(from_eye, height_m, up, AIR_SCALE_M);
     let haze = path_to(from_eye, height_m, up, frame.haze.y) * frame.haze.x;
-    let seen = exp(-(AIR_PER_M * air + vec3<f32>(haze)));
+    let seen = exp(-(AIR_PER_M * air * VEIL + vec3<f32>(haze)));
     return lit * seen + AIRLIGHT * daylight(up) * (1.0 - seen);
 }
 

@@ -1,5 +1,11 @@
 //! What is drawn against f64 truth: silhouettes, depths, places of pixels; arenas and their limits.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::single_range_in_vec_init,
+    reason = "tests fail by panicking; ranges are meant as ranges"
+)]
+
 mod scene;
 
 use glam::{DVec3, Mat3, Mat4, Vec3};
@@ -218,7 +224,7 @@ fn a_lift_raises_an_object_along_the_normal() {
     let (page, objects) = plates(cell, view.eye(), &[plate]);
     renderer.upload(&page).unwrap();
     let selection = selection_of(vec![objects]);
-    let mut top_row = |renderer: &mut Renderer| {
+    let top_row = |renderer: &mut Renderer| {
         draw(renderer, &view, &selection);
         renderer.read_ids().unwrap().iter().position(|&id| id != SKY_ID).unwrap() as f64 / 128.0
     };

@@ -1,5 +1,7 @@
 //! The shaders are valid, and what stands in them and in Rust alike is laid out alike.
 
+#![allow(clippy::unwrap_used, reason = "tests fail by panicking")]
+
 use naga::valid::{Capabilities, ValidationFlags, Validator};
 use naga::{Module, Type, TypeInner};
 use std::collections::HashMap;

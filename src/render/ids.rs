@@ -30,7 +30,7 @@ pub(super) fn id_of_cell(cell: CellId) -> u32 {
 
 pub(super) fn id_of_object(collection: u8, id: u32) -> u32 {
     // The 16 collections × 134 million objects are a limit of the picture, not of the world: more wrap round.
-    (u32::from(collection) & 0xf) << ORDINAL_BITS | (id % ORDINAL_MASK) + 1
+    ((u32::from(collection) & 0xf) << ORDINAL_BITS) | ((id % ORDINAL_MASK) + 1)
 }
 
 /// The cells drawn in a frame, by id.

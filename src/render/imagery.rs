@@ -6,8 +6,8 @@ use crate::content::{IMAGERY_STORED_PX, ImageryPage};
 use crate::forest::CellId;
 use std::collections::HashMap;
 
-/// Most layers of a chunk.
-const CHUNK_LAYERS: u32 = 16;
+/// Most layers of a chunk: 2.8 MB at a time, of which what no picture uses is lost.
+const CHUNK_LAYERS: u32 = 8;
 /// 258, 129, …, 1.
 const MIP_LEVELS: u32 = IMAGERY_STORED_PX.ilog2() + 1;
 const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;

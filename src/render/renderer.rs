@@ -27,6 +27,9 @@ pub struct ArenaFull {
 /// The largest mesh: all posts of a page with skirts must fit into the arena.
 const LEAST_MESH_BYTES: u64 = 256 << 10;
 
+/// Least depth of skirts as a share of the distance: a few roundings of f32.
+const SEAM: f32 = 1e-6;
+
 #[derive(Debug)]
 pub struct Renderer {
     gpu: Gpu,
@@ -74,6 +77,11 @@ impl Renderer {
     /// Bytes held in all arenas; never above the sum of the limits.
     pub fn allocated_bytes(&self) -> u64 {
         self.imagery.bytes() + self.meshes.bytes() + self.objects.bytes()
+    }
+
+    /// Bytes held by the cache of terrain meshes alone.
+    pub fn mesh_bytes(&self) -> u64 {
+        self.meshes.bytes()
     }
 
     /// Takes a page over; gives the bytes that it takes of its arena. Terrain takes none: meshes are cut when drawn.
@@ -189,18 +197,19 @@ impl Renderer {
     ) -> Result<TerrainItem, ArenaFull> {
         let (mesh, is_new) = self.meshes.ensure(&self.gpu, &draw.terrain, draw.cell)?;
         let triangles = u64::from(mesh.index_count / 3);
-        let offset = eye_relative(mesh.origin, view).to_array();
+        let offset = eye_relative(mesh.origin, view);
         let picture = self.picture_of(draw);
         stats.terrain_triangles += triangles;
         stats.pieces_built += u32::from(is_new);
         stats.pieces_without_picture += u32::from(picture.map(|(cell, _)| cell) != draw.imagery);
         let (uv_scale, uv_offset) = picture.map_or(([0.0; 2], [0.0; 2]), |(cell, _)| texture_window(draw.cell, cell));
         let piece = Piece {
-            offset,
+            offset: offset.to_array(),
             own: draw.own,
             uv_scale,
             uv_offset,
-            skirt_m: draw.skirt_m,
+            // Pieces that agree exactly may still part by the rounding of their positions.
+            skirt_m: draw.skirt_m.max(offset.length() * SEAM),
             layer: picture.map_or(0, |(_, place)| place.layer),
             id: self.drawn.add(draw.cell),
             textured: u32::from(picture.is_some()),

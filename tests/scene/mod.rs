@@ -1,5 +1,10 @@
 //! Small made-up worlds for pictures: pages from formulas, no files.
 
+#![allow(
+    clippy::unwrap_used,
+    clippy::single_range_in_vec_init,
+    reason = "tests fail by panicking; ranges are meant as ranges"
+)]
 #![allow(dead_code, reason = "each test program uses its own part")]
 
 use glam::DVec3;
