@@ -9,9 +9,13 @@ pub mod engine;
 pub mod forest;
 pub mod geodesy;
 pub mod paging;
+<<<<<<< HEAD
 pub mod record;
 #[cfg(feature = "prepare")]
 pub mod prepare;
+=======
+pub mod render;
+>>>>>>> render
 pub mod select;
 pub mod store;
 pub mod units;
