@@ -118,3 +118,9 @@ pub fn make_folder(folder: &PathBuf) -> anyhow::Result<()> {
     std::fs::create_dir_all(folder)
         .with_context(|| format!("cannot make the folder {}: check its place and rights", folder.display()))
 }
+
+/// Writes to standard output; a closed pipe is no failure of the work that was done.
+pub fn say(text: &str) {
+    use std::io::Write;
+    let _ = std::io::stdout().write_all(text.as_bytes());
+}
