@@ -14,6 +14,9 @@ const OWN_STEPS: f32 = 64.0;
 /// Lifts closer than this are not sent to the GPU again, metres.
 const LIFT_STEP_M: f32 = 0.01;
 
+/// What following the lift of an object takes, bytes.
+pub const LIFT_BYTES_PER_OBJECT: usize = size_of::<Option<Standing>>() + size_of::<f32>() + size_of::<u8>();
+
 /// The pieces of a frame by cell.
 pub struct Ground<'a> {
     pieces: HashMap<CellId, &'a DrawPiece>,
@@ -72,8 +75,13 @@ impl Lifts {
         self.pages.remove(&page);
     }
 
-    /// The lifts of a drawn page's objects in metres, or `None` where nothing changed since the last call.
-    pub fn update(&mut self, index: &IndexForest, ground: &Ground<'_>, drawn: &DrawObjects) -> Option<&[f32]> {
+    /// The page of drawn objects and their lifts in metres, or `None` where nothing changed since the last call.
+    pub fn update(
+        &mut self,
+        index: &IndexForest,
+        ground: &Ground<'_>,
+        drawn: &DrawObjects,
+    ) -> Option<(PageId, &[f32])> {
         let page = &*drawn.page;
         let id =
             PageId { cell: page.root, kind: PageKind::Objects { collection: page.collection, rep: page.rep } };
@@ -82,7 +90,7 @@ impl Lifts {
         for (at, cell) in page.cells.iter().enumerate() {
             changed |= known.update_cell(at, cell, page, ground);
         }
-        changed.then_some(&known.lifts_m)
+        changed.then_some((id, &*known.lifts_m))
     }
 }
 

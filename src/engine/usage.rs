@@ -47,7 +47,7 @@ impl Usage {
 }
 
 /// The pages that a selection draws from; some more than once.
-fn drawn_pages(selection: &Selection) -> impl Iterator<Item = PageId> {
+pub fn drawn_pages(selection: &Selection) -> impl Iterator<Item = PageId> {
     let terrain = selection.pieces.iter().map(|piece| PageId { cell: piece.terrain.cell, kind: PageKind::Terrain });
     let imagery = selection.pieces.iter().filter_map(|piece| piece.imagery);
     let objects = selection.objects.iter().map(|drawn| {

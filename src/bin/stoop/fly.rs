@@ -13,7 +13,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
 use stoop::camera::{FlightPath, View};
-use stoop::engine::{Engine, EngineParams, FrameRequest, Mode};
+use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode};
 use stoop::record::{FlightHeader, FlightLog};
 use stoop::select::ObjectsMode;
 use stoop::store::World;
@@ -237,6 +237,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
 }
 
 fn header(arguments: &Arguments, path: &FlightPath, engine: &Engine) -> FlightHeader {
+    let ground = GroundProbe::new(engine.world());
     FlightHeader {
         world: engine.world().manifest().name.clone(),
         mode: engine.mode().name().to_owned(),
@@ -244,7 +245,7 @@ fn header(arguments: &Arguments, path: &FlightPath, engine: &Engine) -> FlightHe
         size_px: arguments.size.0,
         tolerance_px: arguments.tolerance_px,
         footprint_limit_bytes: arguments.footprint.0,
-        arrivals_s: path.arrivals_s().to_vec(),
+        arrivals_s: path.arrivals_s(|lat_rad, lon_rad| ground.height_m(lat_rad, lon_rad)),
     }
 }
 
@@ -288,15 +289,19 @@ impl Flight {
         let view = View::new(self.path.at(t_s), self.path.fovy_rad(), self.size_px);
         let due = self.outputs.due(t_s);
         let audit = self.audit_every > 0 && self.log.frames.len() as u64 % u64::from(self.audit_every) == 0;
-        let mut report = self.engine.frame(&FrameRequest { view, t_s, ids: audit || due.wants_aov() })?;
+        let request = FrameRequest { view, t_s, ids: audit || due.wants_aov() };
+        let mut report = self.engine.frame(&request)?;
         let drawn = Instant::now();
         if self.log.frames.is_empty() {
             self.log.first_frame_ms = Some(self.opened.elapsed().as_secs_f64() * 1000.0);
         }
         if audit {
-            report.holes = Some(self.engine.count_holes(&view, t_s)?);
+            report.holes = Some(self.engine.count_holes(&request)?);
         }
         self.outputs.write(&mut self.engine, due, self.size_px)?;
+        for failure in self.engine.take_failures() {
+            eprintln!("stoop: at {t_s:.2} s: {failure}; flying on with coarser detail");
+        }
         self.log.frames.push(report);
         self.progress.at(t_s);
         Ok(drawn.elapsed().as_secs_f64())
