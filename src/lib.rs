@@ -10,6 +10,7 @@ pub mod forest;
 pub mod geodesy;
 pub mod paging;
 pub mod record;
+pub mod render;
 pub mod select;
 pub mod store;
 pub mod units;
