@@ -88,7 +88,7 @@ impl Engine {
         timed(&mut timings.lift_ms, || self.lift(&selection));
         let options = DrawOptions { aov: request.ids, ..DrawOptions::default() };
         let view = &request.view;
-        let drawn = timed(&mut timings.render_ms, || self.renderer.draw(view, &selection, &options))?;
+        let drawn = timed(&mut timings.render_ms, || self.draw(view, &selection, &options))?;
         timings.frame_ms = started.elapsed().as_secs_f64() * 1000.0;
         self.residency.usage.drawn(&selection);
         Ok(self.report(request, &selection, &drawn, timings))
@@ -141,6 +141,13 @@ impl Engine {
             coarser: factor,
         };
         select(self.world.index(), &self.residency.cells, view, &params)
+    }
+
+    /// Draws and waits for the pixels, so that a frame's time is the whole of it.
+    fn draw(&mut self, view: &View, selection: &Selection, options: &DrawOptions) -> Result<FrameStats, RenderError> {
+        let drawn = self.renderer.draw(view, selection, options)?;
+        self.renderer.finish()?;
+        Ok(drawn)
     }
 
     fn lift(&mut self, selection: &Selection) {
@@ -211,7 +218,7 @@ impl Engine {
 
     /// Linear depth of the last frame in metres, infinite for the sky, if it was asked for ids.
     pub fn read_depth(&mut self) -> Result<Vec<f32>, RenderError> {
-        self.renderer.read_depth()
+        self.renderer.read_depth_m()
     }
 
     /// What an id of the last frame stands for, for the legend beside a picture.
