@@ -4,17 +4,15 @@ use super::audit::{count_holes, may_have_holes};
 use super::footprint::Partition;
 use super::levels::DrawnLevels;
 use super::lift::Ground;
-use super::reader::WorldReader;
+use super::reader::Source;
 use super::report::{FrameReport, FrameTimings};
 use super::residency::Residency;
 use super::tolerance::DrawnTolerance;
 use super::{EngineError, EngineParams, FrameRequest, Mode};
 use crate::camera::View;
-use crate::paging::{ManagerStats, PageReader};
+use crate::paging::ManagerStats;
 use crate::render::{DrawOptions, FrameStats, IdOf, RenderError, Renderer};
-use crate::select::{SelectParams, Selection, select};
-use crate::store::World;
-use std::sync::Arc;
+use crate::select::{SelectParams, Selection, select_raised};
 use std::time::Instant;
 
 /// How long a settled frame waits for a failed page between tries, on its own clock, seconds.
@@ -22,7 +20,7 @@ const SETTLE_WAIT_S: f64 = 0.25;
 
 /// A world, what is resident of it, and a renderer.
 pub struct Engine {
-    world: Arc<World>,
+    source: Source,
     params: EngineParams,
     renderer: Renderer,
     residency: Residency,
@@ -38,14 +36,13 @@ pub struct Engine {
 
 impl Engine {
     /// Opens the renderer and loads the coarsest pages of all zones.
-    pub fn new(world: Arc<World>, params: EngineParams) -> Result<Self, EngineError> {
-        let partition = Partition::new(params.footprint, params.mode, world.index())?;
-        let reader: Arc<dyn PageReader> = Arc::new(WorldReader(world.clone()));
+    pub fn new(source: Source, params: EngineParams) -> Result<Self, EngineError> {
+        let partition = Partition::new(params.footprint, params.mode, &source.index)?;
         let mut renderer = Renderer::new(partition.gpu_limits())?;
-        let mut residency = Residency::new(&params, world.index(), partition, reader.clone())?;
-        residency.load_pinned(world.index(), reader, &mut renderer);
+        let mut residency = Residency::new(&params, partition, &source)?;
+        residency.load_pinned(&source, &mut renderer);
         Ok(Self {
-            world,
+            source,
             params,
             renderer,
             residency,
@@ -58,8 +55,8 @@ impl Engine {
         })
     }
 
-    pub fn world(&self) -> &World {
-        &self.world
+    pub fn source(&self) -> &Source {
+        &self.source
     }
 
     pub fn mode(&self) -> Mode {
@@ -138,9 +135,8 @@ impl Engine {
             tolerance_px: self.params.tolerance_px,
             threshold_px: self.params.threshold_px,
             objects: self.params.objects,
-            coarser: factor,
         };
-        select(self.world.index(), &self.residency.cells, view, &params)
+        select_raised(&self.source.index, &self.residency.cells, view, &params, params.tolerance_px * factor)
     }
 
     /// Draws and waits for the pixels, so that a frame's time is the whole of it.
@@ -153,7 +149,7 @@ impl Engine {
     fn lift(&mut self, selection: &Selection) {
         let ground = Ground::new(&selection.pieces);
         for drawn in &selection.objects {
-            if let Some((page, lifts_m)) = self.residency.lifts.update(self.world.index(), &ground, drawn) {
+            if let Some((page, lifts_m)) = self.residency.lifts.update(&self.source.index, &ground, drawn) {
                 self.renderer.set_lifts(page, lifts_m);
             }
         }
@@ -227,7 +223,7 @@ impl Engine {
             None => serde_json::Value::Null,
             Some(IdOf::Cell(cell)) => serde_json::json!({ "cell": cell.to_string() }),
             Some(IdOf::Object { collection, id }) => {
-                let name = self.world.manifest().collections.get(usize::from(collection)).map(|info| &info.name);
+                let name = self.source.manifest.collections.get(usize::from(collection)).map(|info| &info.name);
                 serde_json::json!({ "collection": name, "object": id })
             }
         }
@@ -243,7 +239,7 @@ impl Engine {
             Some(twin) => twin,
             none => {
                 let params = EngineParams { mode: Mode::Settled, ..self.params };
-                none.insert(Box::new(Self::new(self.world.clone(), params)?))
+                none.insert(Box::new(Self::new(self.source.clone(), params)?))
             }
         };
         twin.frame(&FrameRequest { ids: true, ..*request })?;

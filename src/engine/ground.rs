@@ -1,20 +1,20 @@
 //! The finest ground of a world, read beside the paging: for what is worked out before a flight.
 
+use super::Source;
 use crate::content::{Page, PageId, PageKind, TerrainPage};
 use crate::forest::{CellId, LEVEL_MAX};
-use crate::store::World;
 use std::cell::RefCell;
 use std::sync::Arc;
 
 /// Looks up ground heights; keeps the page of the last place.
 pub struct GroundProbe<'a> {
-    world: &'a World,
+    source: &'a Source,
     last: RefCell<Option<Arc<TerrainPage>>>,
 }
 
 impl<'a> GroundProbe<'a> {
-    pub fn new(world: &'a World) -> Self {
-        Self { world, last: RefCell::new(None) }
+    pub fn new(source: &'a Source) -> Self {
+        Self { source, last: RefCell::new(None) }
     }
 
     /// Height of the finest surface above the ellipsoid, metres; 0 where the world has none that can be read.
@@ -24,16 +24,15 @@ impl<'a> GroundProbe<'a> {
 
     fn page_at(&self, lat_rad: f64, lon_rad: f64) -> Option<Arc<TerrainPage>> {
         let place = CellId::containing(lat_rad, lon_rad, LEVEL_MAX);
-        let deepest = self.world.index().find_deepest(place)?.cell();
+        let deepest = self.source.index.find_deepest(place)?.cell();
         let (cell, entry) = deepest
             .ancestors()
-            .find_map(|cell| Some((cell, self.world.index().find(cell)?.terrain()?)))?;
+            .find_map(|cell| Some((cell, self.source.index.find(cell)?.terrain()?)))?;
         if let Some(page) = self.last.borrow().as_ref().filter(|page| page.cell == cell) {
             return Some(page.clone());
         }
         let id = PageId { cell, kind: PageKind::Terrain };
-        let stored = self.world.read(id, entry.place).ok()?;
-        let Ok(Page::Terrain(page)) = self.world.decode(id, &stored) else { return None };
+        let Ok(Page::Terrain(page)) = self.source.reader.load(id, entry.place) else { return None };
         *self.last.borrow_mut() = Some(page.clone());
         Some(page)
     }

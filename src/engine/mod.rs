@@ -24,4 +24,5 @@ pub use footprint::{
 pub use frame::Engine;
 pub use ground::GroundProbe;
 pub use params::{EngineError, EngineParams, FrameRequest, Mode};
+pub use reader::Source;
 pub use report::{FrameReport, FrameTimings};

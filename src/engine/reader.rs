@@ -1,23 +1,14 @@
-//! Pages of a world, for servers.
+//! What the engine flies over: an index, a description, and pages behind a reader.
 
-use crate::content::{Page, PageId};
-use crate::forest::index::Place;
-use crate::paging::{PageReader, ReadError};
-use crate::store::{StoreError, World};
+use crate::forest::index::IndexForest;
+use crate::paging::PageReader;
+use crate::store::Manifest;
 use std::sync::Arc;
 
-/// Reads, verifies and decodes pages of a world.
-pub struct WorldReader(pub Arc<World>);
-
-impl PageReader for WorldReader {
-    fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
-        let stored = self.0.read(page, place).map_err(sort)?;
-        self.0.decode(page, &stored).map_err(sort)
-    }
-}
-
-/// Storage that does not answer may do so later; stored bytes that are wrong stay wrong.
-fn sort(error: StoreError) -> ReadError {
-    let message = error.to_string();
-    if matches!(error, StoreError::Io { .. }) { ReadError::Failed(message) } else { ReadError::Broken(message) }
+/// A world as the engine sees it. The index is light to clone: its segments are shared.
+#[derive(Clone)]
+pub struct Source {
+    pub manifest: Arc<Manifest>,
+    pub index: IndexForest,
+    pub reader: Arc<dyn PageReader>,
 }

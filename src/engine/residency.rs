@@ -3,19 +3,18 @@
 use super::footprint::{IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, THREADS_PER_LAYER, UPLOAD_BYTES_PER_FRAME};
 use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::usage::{Usage, drawn_pages};
-use super::{EngineError, EngineParams, Mode};
+use super::{EngineError, EngineParams, Mode, Source};
 use crate::cells::LiveTree;
 use crate::content::{Page, PageId, PageKind};
 use crate::forest::Zone;
 use crate::forest::index::{IndexForest, Place};
 use crate::paging::{
-    Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PageReader, PageServer, ReadError,
+    Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PageServer, ReadError,
     RequestManager, ServerLimits, ThreadedServers,
 };
 use crate::render::Renderer;
 use crate::select::{Demand, Selection, Urgency};
 use std::collections::{HashMap, HashSet};
-use std::sync::Arc;
 
 /// Messages of failures kept for the caller; further ones are only counted.
 const MESSAGES_MAX: usize = 16;
@@ -47,24 +46,19 @@ pub struct Residency {
 }
 
 impl Residency {
-    pub fn new(
-        params: &EngineParams,
-        index: &IndexForest,
-        partition: Partition,
-        reader: Arc<dyn PageReader>,
-    ) -> Result<Self, EngineError> {
+    pub fn new(params: &EngineParams, partition: Partition, source: &Source) -> Result<Self, EngineError> {
         let read_bytes_per_update = if params.mode == Mode::LockStep { READ_BYTES_PER_FRAME } else { u64::MAX >> 2 };
         let limits =
             Limits { footprint_bytes: partition.pool_bytes(0), in_flight: IN_FLIGHT_MAX, read_bytes_per_update };
         let server: Box<dyn PageServer> = if params.mode == Mode::Live {
             let limits = ServerLimits { threads_per_layer: THREADS_PER_LAYER, queue_len: IN_FLIGHT_MAX };
-            Box::new(ThreadedServers::start(&reader, limits)?)
+            Box::new(ThreadedServers::start(&source.reader, limits)?)
         } else {
-            Box::new(InlineServer::new(reader))
+            Box::new(InlineServer::new(source.reader.clone()))
         };
         Ok(Self {
             cells: LiveTree::default(),
-            manager: RequestManager::for_world(limits, index)?,
+            manager: RequestManager::for_world(limits, &source.index)?,
             usage: Usage::default(),
             lifts: Lifts::default(),
             traffic: Traffic::default(),
@@ -81,10 +75,10 @@ impl Residency {
 
     /// Loads the coarsest pages of all zones, so that the first frame already has the globe. This is the only time
     /// that anything waits for a page.
-    pub fn load_pinned(&mut self, index: &IndexForest, reader: Arc<dyn PageReader>, renderer: &mut Renderer) {
-        let usual = std::mem::replace(&mut self.server, Box::new(InlineServer::new(reader)));
+    pub fn load_pinned(&mut self, source: &Source, renderer: &mut Renderer) {
+        let usual = std::mem::replace(&mut self.server, Box::new(InlineServer::new(source.reader.clone())));
         self.manager.set_limits(Limits { read_bytes_per_update: u64::MAX >> 2, ..self.limits });
-        let demands = pinned_demands(index);
+        let demands = pinned_demands(&source.index);
         loop {
             self.command(&demands, 0.0);
             if self.server.in_flight() == 0 {

@@ -10,13 +10,11 @@ pub use outputs::write_aov;
 use schedule::{PictureTimes, Progress};
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
 use std::time::Instant;
 use stoop::camera::{FlightPath, View};
 use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode};
 use stoop::record::{FlightHeader, FlightLog};
 use stoop::select::ObjectsMode;
-use stoop::store::World;
 use stoop::units::ByteSize;
 
 const DETAILS: &str = "\
@@ -219,8 +217,8 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     arguments.check_combinations()?;
     let path = FlightPath::load(&arguments.path)?;
     let opened = Instant::now();
-    let world = Arc::new(World::open(&arguments.world)?);
-    let engine = Engine::new(world, arguments.params())?;
+    let source = cli::open(&arguments.world)?;
+    let engine = Engine::new(source, arguments.params())?;
     let step_s = arguments.step_secs.unwrap_or(1.0 / path.hz());
     let mut flight = Flight {
         outputs: Outputs::create(&arguments, step_s)?,
@@ -237,9 +235,9 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
 }
 
 fn header(arguments: &Arguments, path: &FlightPath, engine: &Engine) -> FlightHeader {
-    let ground = GroundProbe::new(engine.world());
+    let ground = GroundProbe::new(engine.source());
     FlightHeader {
-        world: engine.world().manifest().name.clone(),
+        world: engine.source().manifest.name.clone(),
         mode: engine.mode().name().to_owned(),
         policy: arguments.policy.clone(),
         size_px: arguments.size.0,

@@ -4,12 +4,10 @@ use crate::cli;
 use crate::fly::write_aov;
 use std::path::PathBuf;
 use std::process::ExitCode;
-use std::sync::Arc;
 use stoop::camera::{Pose, View};
 use stoop::engine::{Engine, EngineParams, FrameRequest, Mode};
 use stoop::geodesy::Geodetic;
 use stoop::record::write_png;
-use stoop::store::World;
 use stoop::units::ByteSize;
 
 const EXAMPLES: &str = "\
@@ -71,10 +69,10 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if let Some(folder) = &arguments.aov {
         cli::make_folder(folder)?;
     }
-    let world = Arc::new(World::open(&arguments.world)?);
+    let source = cli::open(&arguments.world)?;
     let params =
         EngineParams { tolerance_px: arguments.tolerance_px, mode: Mode::Settled, ..EngineParams::default() };
-    let mut engine = Engine::new(world, params)?;
+    let mut engine = Engine::new(source, params)?;
     let report = engine.frame(&FrameRequest { view: arguments.view(), t_s: 0.0, ids: arguments.aov.is_some() })?;
     write_png(&arguments.out, arguments.size.0, &engine.read_color()?)?;
     if let Some(folder) = &arguments.aov {
