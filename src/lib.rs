@@ -5,9 +5,11 @@
 pub mod camera;
 pub mod cells;
 pub mod content;
+pub mod engine;
 pub mod forest;
 pub mod geodesy;
 pub mod paging;
+pub mod record;
 pub mod render;
 pub mod select;
 pub mod store;

@@ -1,0 +1,131 @@
+//! What the subcommands share: values as people write them, and errors of one line.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use stoop::units::ByteSize;
+
+/// Exit status for wrong usage; 1 stands for work that failed.
+pub const USAGE: u8 = 2;
+
+/// Something that the design names and this version cannot do.
+#[derive(Debug)]
+pub struct NotYet {
+    what: String,
+    instead: String,
+}
+
+impl NotYet {
+    pub fn new(what: impl Into<String>, instead: impl Into<String>) -> Self {
+        Self { what: what.into(), instead: instead.into() }
+    }
+}
+
+impl fmt::Display for NotYet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} is not supported by this version: {}", self.what, self.instead)
+    }
+}
+
+impl std::error::Error for NotYet {}
+
+/// Arguments that parse one by one and make no sense together.
+#[derive(Debug)]
+pub struct WrongUsage(pub String);
+
+impl fmt::Display for WrongUsage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for WrongUsage {}
+
+/// Prints an error in one line and chooses the exit status.
+pub fn explain(error: &anyhow::Error) -> ExitCode {
+    eprintln!("stoop: {}", one_line(&format!("{error:#}")));
+    if error.is::<NotYet>() || error.is::<WrongUsage>() { ExitCode::from(USAGE) } else { ExitCode::FAILURE }
+}
+
+/// Help and version as they are; errors of usage in one line.
+pub fn explain_usage(error: &clap::Error) -> ExitCode {
+    if !error.use_stderr() {
+        return if error.print().is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE };
+    }
+    let text = error.to_string();
+    // Clap adds usage and hints in paragraphs of their own.
+    let said = text.split("\n\nUsage:").next().and_then(|said| said.split("\n\nFor more").next()).unwrap_or(&text);
+    let said = one_line(said.trim_start_matches("error: "));
+    eprintln!("stoop: {}; see --help", said.trim_end_matches('.'));
+    ExitCode::from(USAGE)
+}
+
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// A picture's size as people write it: `640x360`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SizePx(pub [u32; 2]);
+
+impl std::str::FromStr for SizePx {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let side = |digits: &str| digits.parse::<u32>().ok().filter(|side| (1..=8192).contains(side));
+        text.split_once('x').and_then(|(width, height)| Some(Self([side(width)?, side(height)?]))).ok_or_else(|| {
+            format!("{text:?} is no size in pixels: write WIDTHxHEIGHT, each 1 to 8192, such as 640x360")
+        })
+    }
+}
+
+/// A finite number above 0.
+pub fn positive(text: &str) -> Result<f64, String> {
+    number(text).and_then(|value| if value > 0.0 { Ok(value) } else { Err("must be above 0".into()) })
+}
+
+/// A finite number.
+pub fn number(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err("must be a number".into()),
+    }
+}
+
+/// A number from −90 to 90.
+pub fn latitude(text: &str) -> Result<f64, String> {
+    number(text).and_then(|value| if value.abs() <= 90.0 { Ok(value) } else { Err("must be from -90 to 90".into()) })
+}
+
+/// A number from −360 to 360.
+pub fn longitude(text: &str) -> Result<f64, String> {
+    number(text).and_then(|value| if value.abs() <= 360.0 { Ok(value) } else { Err("must be from -360 to 360".into()) })
+}
+
+/// A field of view: above 0 and below 180 degrees.
+pub fn field_of_view(text: &str) -> Result<f64, String> {
+    positive(text).and_then(|value| if value < 180.0 { Ok(value) } else { Err("must be below 180".into()) })
+}
+
+/// Bytes with KiB, MiB or GiB.
+pub fn bytes(text: &str) -> Result<ByteSize, String> {
+    text.parse().map_err(|error: stoop::units::ByteSizeError| error.to_string())
+}
+
+/// Makes sure that a folder is there to write into.
+pub fn make_folder(folder: &PathBuf) -> anyhow::Result<()> {
+    use anyhow::Context;
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {}: check its place and rights", folder.display()))
+}
+
+/// A world for the engine.
+pub fn open(_folder: &std::path::Path) -> anyhow::Result<stoop::engine::Source> {
+    Err(NotYet::new("opening worlds", "update stoop").into())
+}
+
+/// Writes to standard output; a closed pipe is no failure of the work that was done.
+pub fn say(text: &str) {
+    use std::io::Write;
+    let _ = std::io::stdout().write_all(text.as_bytes());
+}

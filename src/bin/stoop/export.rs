@@ -1,0 +1,10 @@
+//! `stoop export`.
+
+use std::process::ExitCode;
+
+#[derive(clap::Args)]
+pub struct Arguments {}
+
+pub fn run(_arguments: Arguments) -> anyhow::Result<ExitCode> {
+    Err(crate::cli::NotYet::new("`stoop export`", "update stoop").into())
+}

@@ -1,0 +1,10 @@
+//! `stoop probe`.
+
+use std::process::ExitCode;
+
+#[derive(clap::Args)]
+pub struct Arguments {}
+
+pub fn run(_arguments: Arguments) -> anyhow::Result<ExitCode> {
+    Err(crate::cli::NotYet::new("`stoop probe`", "update stoop").into())
+}
