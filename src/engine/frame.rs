@@ -97,8 +97,7 @@ impl Engine {
             let now_s = request.t_s + self.waited_s;
             timed(&mut timings.complete_ms, || self.residency.receive(now_s, &mut self.renderer));
             let mut selection = timed(&mut timings.select_ms, || self.choose(&request.view));
-            let hurt =
-                timed(&mut timings.manage_ms, || self.residency.manage(&selection, now_s, &mut self.renderer));
+            let hurt = timed(&mut timings.manage_ms, || self.residency.manage(&selection, now_s, &mut self.renderer));
             if hurt {
                 selection = timed(&mut timings.select_ms, || self.select_at(&request.view, self.tolerance.factor()));
             }
@@ -122,10 +121,8 @@ impl Engine {
     /// The front at the tolerance asked for, or at the least one whose front fits into the footprint.
     fn choose(&mut self, view: &View) -> Selection {
         let mut tolerance = std::mem::take(&mut self.tolerance);
-        let selection = tolerance.settle(
-            |factor| self.select_at(view, factor),
-            |selection| self.residency.manager.fits(&selection.demands),
-        );
+        let selection = tolerance
+            .settle(|factor| self.select_at(view, factor), |selection| self.residency.manager.fits(&selection.demands));
         self.tolerance = tolerance;
         selection
     }
@@ -190,7 +187,7 @@ impl Engine {
             ground_pressed: selection.press.is_some(),
             bytes_read: traffic.bytes_read,
             seeks: traffic.seeks,
-            requests: stats.started - before.started,
+            requests: traffic.requests,
             cancelled: stats.cancelled - before.cancelled,
             failed: stats.failed - before.failed,
             evicted: stats.evicted - before.evicted,

@@ -25,9 +25,8 @@ impl<'a> GroundProbe<'a> {
     fn page_at(&self, lat_rad: f64, lon_rad: f64) -> Option<Arc<TerrainPage>> {
         let place = CellId::containing(lat_rad, lon_rad, LEVEL_MAX);
         let deepest = self.source.index.find_deepest(place)?.cell();
-        let (cell, entry) = deepest
-            .ancestors()
-            .find_map(|cell| Some((cell, self.source.index.find(cell)?.terrain()?)))?;
+        let (cell, entry) =
+            deepest.ancestors().find_map(|cell| Some((cell, self.source.index.find(cell)?.terrain()?)))?;
         if let Some(page) = self.last.borrow().as_ref().filter(|page| page.cell == cell) {
             return Some(page.clone());
         }

@@ -83,8 +83,7 @@ impl Lifts {
         drawn: &DrawObjects,
     ) -> Option<(PageId, &[f32])> {
         let page = &*drawn.page;
-        let id =
-            PageId { cell: page.root, kind: PageKind::Objects { collection: page.collection, rep: page.rep } };
+        let id = PageId { cell: page.root, kind: PageKind::Objects { collection: page.collection, rep: page.rep } };
         let known = self.pages.entry(id).or_insert_with(|| PageLifts::new(index, page));
         let mut changed = false;
         for (at, cell) in page.cells.iter().enumerate() {

@@ -5,12 +5,12 @@ use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::usage::{Usage, drawn_pages};
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::cells::LiveTree;
-use crate::content::{Page, PageId, PageKind};
+use crate::content::{IMAGERY_STORED_PX, Page, PageId, PageKind};
 use crate::forest::Zone;
 use crate::forest::index::{IndexForest, Place};
 use crate::paging::{
-    Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PageServer, ReadError,
-    RequestManager, ServerLimits, ThreadedServers,
+    Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PageServer, ReadError, RequestManager,
+    ServerLimits, ThreadedServers,
 };
 use crate::render::Renderer;
 use crate::select::{Demand, Selection, Urgency};
@@ -24,7 +24,29 @@ const MESSAGES_MAX: usize = 16;
 pub struct Traffic {
     pub bytes_read: u64,
     pub seeks: u64,
+    pub requests: u64,
     pub footprint_max_bytes: u64,
+}
+
+/// What the request manager decided, in its order.
+#[derive(Debug, Default)]
+struct Orders {
+    start: Vec<(PageId, Place)>,
+    evict: Vec<PageId>,
+}
+
+/// Bytes of a picture with its mips on the GPU.
+const PICTURE_GPU_BYTES: u64 = {
+    let (mut bytes, mut side) = (0, IMAGERY_STORED_PX as u64);
+    while side > 0 {
+        bytes += 4 * side * side;
+        side /= 2;
+    }
+    bytes
+};
+
+fn is_picture(page: PageId) -> bool {
+    page.kind == PageKind::Imagery
 }
 
 /// What is resident, and the machinery that changes it.
@@ -41,6 +63,8 @@ pub struct Residency {
     /// Bytes on the GPU of each resident page.
     gpu_bytes: HashMap<PageId, u64>,
     gpu_total_bytes: u64,
+    /// Pictures under way: they will go where the arena has layers free.
+    pictures_in_flight: u64,
     last_read: Option<(Zone, u64)>,
     messages: Vec<String>,
 }
@@ -68,6 +92,7 @@ impl Residency {
             server,
             gpu_bytes: HashMap::new(),
             gpu_total_bytes: 0,
+            pictures_in_flight: 0,
             last_read: None,
             messages: Vec::new(),
         })
@@ -80,7 +105,8 @@ impl Residency {
         self.manager.set_limits(Limits { read_bytes_per_update: u64::MAX >> 2, ..self.limits });
         let demands = pinned_demands(&source.index);
         loop {
-            self.command(&demands, 0.0);
+            let orders = self.command(&demands, 0.0);
+            self.start(orders.start, 0.0, renderer);
             if self.server.in_flight() == 0 {
                 break;
             }
@@ -96,6 +122,7 @@ impl Residency {
         while self.mode != Mode::Live || taken_bytes < UPLOAD_BYTES_PER_FRAME {
             let Some(delivery) = self.server.poll() else { break };
             let (page, place) = (delivery.page, delivery.place);
+            self.pictures_in_flight -= u64::from(is_picture(page));
             let completion = self.take_in(delivery, renderer);
             if let Completion::Loaded { bytes } = completion {
                 taken_bytes += bytes;
@@ -158,34 +185,55 @@ impl Residency {
     /// Tells the request manager what is wanted and passes on its commands; true when a page that `selection` draws
     /// was dropped, so that it must be made again.
     pub fn manage(&mut self, selection: &Selection, now_s: f64, renderer: &mut Renderer) -> bool {
-        self.give_pool(renderer);
-        let evicted = self.command(&selection.demands, now_s);
+        let pool = self.partition.pool_bytes(self.fragmented_bytes(renderer));
+        self.manager.set_limits(Limits { footprint_bytes: pool, ..self.limits });
+        let orders = self.command(&selection.demands, now_s);
         let drawn: HashSet<PageId> =
-            if evicted.is_empty() { HashSet::new() } else { drawn_pages(selection).collect() };
+            if orders.evict.is_empty() { HashSet::new() } else { drawn_pages(selection).collect() };
         let mut hurt = false;
-        for page in evicted {
+        for page in orders.evict {
             self.drop_page(page, renderer);
             hurt |= drawn.contains(&page);
         }
+        self.start(orders.start, now_s, renderer);
         self.measure(renderer);
         hurt
     }
 
-    /// Passes commands to the server and returns what is to be dropped.
-    fn command(&mut self, demands: &[Demand], now_s: f64) -> Vec<PageId> {
-        let mut evicted = Vec::new();
+    fn command(&mut self, demands: &[Demand], now_s: f64) -> Orders {
+        let mut orders = Orders::default();
         for command in self.manager.update(demands, now_s) {
             match command {
-                Command::Start { page, place } => {
-                    if !self.server.start(page, place) {
-                        self.manager.complete(Event { page, completion: Completion::Cancelled }, now_s);
-                    }
-                }
+                Command::Start { page, place } => orders.start.push((page, place)),
                 Command::Cancel(page) => self.server.cancel(page),
-                Command::Evict(page) => evicted.push(page),
+                Command::Evict(page) => orders.evict.push(page),
             }
         }
-        evicted
+        orders
+    }
+
+    /// Passes reads to the server, the most urgent first, as far as the footprint allows: what was dropped for them may
+    /// have left holes in the arenas that only later frames close.
+    fn start(&mut self, mut reads: Vec<(PageId, Place)>, now_s: f64, renderer: &Renderer) {
+        let pictures = |reads: &[(PageId, Place)]| reads.iter().filter(|read| is_picture(read.0)).count() as u64;
+        self.pictures_in_flight += pictures(&reads);
+        while self.held_bytes(renderer) > self.partition.footprint
+            && let Some((page, _)) = reads.pop()
+        {
+            self.take_back(page, now_s);
+        }
+        for (page, place) in reads {
+            if self.server.start(page, place) {
+                self.traffic.requests += 1;
+            } else {
+                self.take_back(page, now_s);
+            }
+        }
+    }
+
+    fn take_back(&mut self, page: PageId, now_s: f64) {
+        self.pictures_in_flight -= u64::from(is_picture(page));
+        self.manager.complete(Event { page, completion: Completion::Cancelled }, now_s);
     }
 
     fn drop_page(&mut self, page: PageId, renderer: &mut Renderer) {
@@ -196,22 +244,19 @@ impl Residency {
         self.lifts.forget(page);
     }
 
-    /// What the arenas hold beyond their pages is not the request manager's to give.
-    fn give_pool(&mut self, renderer: &Renderer) {
-        let fragmented = self.arena_bytes(renderer).saturating_sub(self.gpu_total_bytes);
-        self.manager
-            .set_limits(Limits { footprint_bytes: self.partition.pool_bytes(fragmented), ..self.limits });
+    /// What the arenas hold beyond the pages in them and the pictures on their way into them.
+    fn fragmented_bytes(&self, renderer: &Renderer) -> u64 {
+        let arenas = renderer.allocated_bytes().saturating_sub(renderer.mesh_bytes());
+        arenas.saturating_sub(self.gpu_total_bytes + self.pictures_in_flight * PICTURE_GPU_BYTES)
     }
 
-    /// Allocated for pages on the GPU; the meshes' arena counts with its limit.
-    fn arena_bytes(&self, renderer: &Renderer) -> u64 {
-        renderer.allocated_bytes().saturating_sub(renderer.mesh_bytes())
+    /// All that is held or spoken for; the meshes' arena counts with its limit.
+    fn held_bytes(&self, renderer: &Renderer) -> u64 {
+        self.partition.fixed_bytes() + self.manager.footprint_bytes() + self.fragmented_bytes(renderer)
     }
 
     fn measure(&mut self, renderer: &Renderer) {
-        let fragmented = self.arena_bytes(renderer).saturating_sub(self.gpu_total_bytes);
-        let now = self.partition.fixed_bytes() + self.manager.footprint_bytes() + fragmented;
-        self.traffic.footprint_max_bytes = self.traffic.footprint_max_bytes.max(now);
+        self.traffic.footprint_max_bytes = self.traffic.footprint_max_bytes.max(self.held_bytes(renderer));
     }
 
     /// The figures since the last call; the footprint starts from what is held now.

@@ -167,7 +167,10 @@ impl Arguments {
     fn check_combinations(&self) -> anyhow::Result<()> {
         let timed = !self.at_secs.is_empty() || self.every_secs.is_some();
         if timed && self.frames.is_none() && self.aov.is_none() {
-            return Err(WrongUsage("--at-secs and --every-secs choose pictures: name a folder by --frames or --aov".into()).into());
+            return Err(WrongUsage(
+                "--at-secs and --every-secs choose pictures: name a folder by --frames or --aov".into(),
+            )
+            .into());
         }
         if self.threshold_px.len() > 2 {
             return Err(WrongUsage("--threshold-px takes one number or two".into()).into());
@@ -230,7 +233,11 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         path,
         engine,
     };
-    if arguments.live { flight.fly_live()? } else { flight.fly_stepped(step_s)? }
+    if arguments.live {
+        flight.fly_live()?
+    } else {
+        flight.fly_stepped(step_s)?
+    }
     flight.finish(arguments.report.as_deref())
 }
 

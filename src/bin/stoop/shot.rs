@@ -70,8 +70,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         cli::make_folder(folder)?;
     }
     let source = cli::open(&arguments.world)?;
-    let params =
-        EngineParams { tolerance_px: arguments.tolerance_px, mode: Mode::Settled, ..EngineParams::default() };
+    let params = EngineParams { tolerance_px: arguments.tolerance_px, mode: Mode::Settled, ..EngineParams::default() };
     let mut engine = Engine::new(source, params)?;
     let report = engine.frame(&FrameRequest { view: arguments.view(), t_s: 0.0, ids: arguments.aov.is_some() })?;
     write_png(&arguments.out, arguments.size.0, &engine.read_color()?)?;

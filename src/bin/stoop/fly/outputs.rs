@@ -83,8 +83,7 @@ pub fn write_aov(engine: &mut Engine, folder: &Path, name: &str, size_px: [u32; 
     write_npy(&folder.join(format!("{name}.ids.npy")), size_px, &ids)?;
     write_npy(&folder.join(format!("{name}.depth.npy")), size_px, &engine.read_depth()?)?;
     let shown: BTreeSet<u32> = ids.iter().copied().filter(|&id| id != 0).collect();
-    let legend: serde_json::Map<_, _> =
-        shown.into_iter().map(|id| (id.to_string(), engine.describe_id(id))).collect();
+    let legend: serde_json::Map<_, _> = shown.into_iter().map(|id| (id.to_string(), engine.describe_id(id))).collect();
     write_text(&folder.join(format!("{name}.ids.json")), &serde_json::to_string_pretty(&legend)?)?;
     Ok(())
 }

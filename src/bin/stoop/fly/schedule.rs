@@ -12,9 +12,15 @@ pub enum PictureTimes {
     Never,
     Always,
     /// Multiples of a time.
-    Every { every_s: f64, next: u64 },
+    Every {
+        every_s: f64,
+        next: u64,
+    },
     /// Ascending.
-    At { times_s: Vec<f64>, next: usize },
+    At {
+        times_s: Vec<f64>,
+        next: usize,
+    },
 }
 
 impl PictureTimes {
