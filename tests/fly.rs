@@ -1,9 +1,9 @@
 //! Flights over a made-up Earth, on whatever adapter there is: the same input gives the same flight, the footprint
 //! holds, nothing has a hole, a broken page costs its detail only.
 
-mod made_up;
+mod earth;
 
-use made_up::{Formulas, dive, source};
+use earth::{Formulas, dive, source};
 use stoop::content::PageKind;
 use stoop::engine::{Engine, EngineError, EngineParams, FrameReport, FrameRequest, Mode};
 use stoop::record::{FlightHeader, FlightLog};
@@ -110,9 +110,9 @@ fn settled_frames_owe_nothing() {
 #[test]
 fn a_broken_page_is_counted_and_the_flight_goes_on() {
     let broken = [
-        made_up::page_under_the_dive(5, PageKind::Terrain),
-        made_up::page_under_the_dive(9, PageKind::Imagery),
-        made_up::houses_page(),
+        earth::page_under_the_dive(5, PageKind::Terrain),
+        earth::page_under_the_dive(9, PageKind::Imagery),
+        earth::houses_page(),
     ];
     let reader = Formulas { broken: broken.into_iter().collect() };
     for mode in [Mode::LockStep, Mode::Settled] {

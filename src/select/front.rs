@@ -55,6 +55,9 @@ struct Region<'a> {
     node: Option<Node<'a>>,
     /// Lowest and highest drawn height, metres.
     heights_m: (f64, f64),
+    /// Distance of the cell above. A cell lies in its own box and in all those above it, whose axes differ; the
+    /// farthest of them bounds its distance, so that distances never fall on the way down.
+    above_m: f64,
 }
 
 #[derive(Clone, Copy, Default)]
@@ -90,7 +93,7 @@ pub fn walk(
         imagery: LayerMeasure::default(),
     };
     for root in index.trees().map(|tree| tree.root()) {
-        let region = Region { cell: root.cell(), node: Some(root), heights_m: root.height_range_m() };
+        let region = Region { cell: root.cell(), node: Some(root), heights_m: root.height_range_m(), above_m: 0.0 };
         walk.visit(region, Layers::default(), STAND_IN_LEVELS);
     }
     walk.pieces.sort_by_key(|piece| piece.cell);
@@ -135,7 +138,7 @@ impl<'a> Walk<'a, '_> {
             self.stats.cells_culled += 1;
             return;
         }
-        let distance_m = around.distance_m(self.sight.eye);
+        let distance_m = around.distance_m(self.sight.eye).max(region.above_m);
         let px_per_m = self.sight.view.projected_px(1.0, distance_m);
         let children = self.step(&region, &mut layers, px_per_m);
         let here = piece(&region, &layers, distance_m, self.sight);
@@ -151,7 +154,7 @@ impl<'a> Walk<'a, '_> {
                 if let Some(cell) = region.cell.child(quadrant) {
                     let node = children[quadrant as usize];
                     let heights_m = node.map_or(region.heights_m, |node| node.height_range_m());
-                    self.visit(Region { cell, node, heights_m }, layers, left);
+                    self.visit(Region { cell, node, heights_m, above_m: distance_m }, layers, left);
                 }
             }
             self.merge(first, here);

@@ -44,10 +44,12 @@ pub fn under_eye(index: &IndexForest, cells: &LiveTree, sight: &Sight<'_>, deman
     let finest = CellId::containing(eye.lat_rad, eye.lon_rad, LEVEL_MAX);
     let mut layer = Layer::default();
     let mut next = index.tree(finest.zone()).map(|tree| tree.root());
-    let mut px_per_m = 0.0;
+    let (mut distance_m, mut px_per_m) = (0.0, 0.0);
     while let Some(node) = next {
         let (low_m, high_m) = node.height_range_m();
-        px_per_m = sight.px_per_m(&OrientedBox::around(&node.cell().bounds(), low_m, high_m));
+        let around = OrientedBox::around(&node.cell().bounds(), low_m, high_m);
+        distance_m = around.distance_m(sight.eye).max(distance_m);
+        px_per_m = sight.view.projected_px(1.0, distance_m);
         if !layer.front_is_settled() {
             demands.ground(&node);
         }

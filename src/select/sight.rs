@@ -46,11 +46,6 @@ impl<'a> Sight<'a> {
         self.frustum.meets(bounds) && !self.horizon.hides_box(bounds)
     }
 
-    /// Pixels that a metre takes at the nearest point of a box.
-    pub fn px_per_m(&self, bounds: &OrientedBox) -> f64 {
-        self.view.projected_px(1.0, bounds.distance_m(self.eye))
-    }
-
     /// Share of the screen, 0 to 1, of the quad between the corners of a cell at `height_m`, clipped to the viewport;
     /// parts behind the horizon do not count, what stands in front of it does not hide it (design §7).
     pub fn screen_share(&self, bounds: &GeoBounds, height_m: f64) -> f64 {

@@ -2,8 +2,8 @@
 
 use super::GroundPress;
 use super::front::Piece;
-use crate::forest::CellId;
-use std::f64::consts::FRAC_PI_2;
+use crate::forest::{CellId, Side};
+use crate::geodesy::SEMI_MAJOR_M;
 
 /// Rounding of positions in f32, as a share of a piece's size, and at least this much, metres.
 const ROUNDING: f64 = 1e-6;
@@ -14,7 +14,7 @@ const DEPTH_MIN_M: f64 = 0.05;
 pub fn depths_m(pieces: &[Piece], press: Option<&GroundPress>) -> Vec<f64> {
     let mut beside_m = vec![0.0f64; pieces.len()];
     for (at, piece) in pieces.iter().enumerate() {
-        for neighbor in cells_beside(piece.cell) {
+        for neighbor in Side::ALL.into_iter().flat_map(|side| piece.cell.edge_neighbors(side)) {
             if let Some(other) = piece_over(pieces, neighbor) {
                 // Finer pieces find this one as the piece over their neighbour: so both learn of each other.
                 beside_m[at] = beside_m[at].max(pieces[other].error_m());
@@ -30,7 +30,7 @@ pub fn depths_m(pieces: &[Piece], press: Option<&GroundPress>) -> Vec<f64> {
         .iter()
         .zip(beside_m)
         .map(|(piece, beside_m)| {
-            let rounding_m = DEPTH_MIN_M + ROUNDING * piece.terrain.cell.bounds().height_rad() * 6.4e6;
+            let rounding_m = DEPTH_MIN_M + ROUNDING * piece.terrain.cell.bounds().height_rad() * SEMI_MAJOR_M;
             piece.error_m() + beside_m + rounding_m + pressed_m(piece)
         })
         .collect()
@@ -41,17 +41,4 @@ fn piece_over(pieces: &[Piece], cell: CellId) -> Option<usize> {
     // Pieces lie apart and a subtree is contiguous, so none stands between a cell and the piece that covers it.
     let at = pieces.partition_point(|piece| piece.cell <= cell).checked_sub(1)?;
     pieces[at].cell.contains(cell).then_some(at)
-}
-
-/// Cells of the same level across the sides: by a point beside each half of each side.
-fn cells_beside(cell: CellId) -> impl Iterator<Item = CellId> {
-    let bounds = cell.bounds();
-    let (width, height, level) = (bounds.width_rad(), bounds.height_rad(), cell.level());
-    let beside = [(-0.25, 0.5), (1.25, 0.5), (0.25, -0.25), (0.75, -0.25), (0.25, 1.25), (0.75, 1.25)];
-    beside.into_iter().filter_map(move |(u, v)| {
-        let lat_rad = bounds.south_rad + v * height;
-        let lon_rad = bounds.west_rad + u * width;
-        // Across a pole there is no edge to close.
-        (lat_rad.abs() < FRAC_PI_2).then(|| CellId::containing(lat_rad, lon_rad, level))
-    })
 }
