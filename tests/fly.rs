@@ -145,3 +145,62 @@ fn ground_above_the_eye_is_pressed_and_counted() {
     let depth = engine.read_depth().unwrap();
     assert!(depth.iter().all(|&metres| metres > 0.2), "the ground must not touch the eye");
 }
+
+/// Runs the program; gives exit status and what it said on standard error.
+fn stoop(arguments: &[&str]) -> (i32, String) {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_stoop")).args(arguments).output().unwrap();
+    (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
+}
+
+#[test]
+fn flags_of_later_versions_are_refused_in_one_line() {
+    for flag in [
+        vec!["--virtual", "wan"],
+        vec!["--policy", "foresight"],
+        vec!["--policy-params", "f"],
+        vec!["--layout", "l"],
+        vec!["--no-level-skip"],
+        vec!["--sync-reads"],
+        vec!["--storage", "hdd"],
+        vec!["--faults", "errors=0.1"],
+        vec!["--frame-ms", "33"],
+    ] {
+        let (code, said) = stoop(&[&["fly", "world", "--path", "path.json"], &*flag].concat());
+        assert_eq!(code, 2, "{flag:?}: {said}");
+        assert!(said.contains("not supported by this version") && said.contains(flag[0]), "{flag:?}: {said}");
+        assert_eq!(said.lines().count(), 1, "{flag:?}: {said}");
+    }
+}
+
+#[test]
+fn wrong_usage_is_told_in_one_line() {
+    for arguments in [
+        &["fly"][..],
+        &["fly", "world", "--path", "f", "--policy", "luck"],
+        &["fly", "world", "--path", "f", "--live", "--settled"],
+        &["fly", "world", "--path", "f", "--at-secs", "1"],
+        &["fly", "world", "--path", "f", "--size", "640"],
+        &["fly", "world", "--path", "f", "--footprint", "12MB"],
+        &["fly", "world", "--path", "f", "--tolerance-px", "0"],
+        &["shot", "world", "--lon-deg", "0", "--lat-deg", "91", "--height-m", "0", "--out", "f"],
+        &[],
+    ] {
+        let (code, said) = stoop(arguments);
+        assert_eq!((code, said.lines().count()), (2, 1), "{arguments:?}: {said}");
+        assert!(said.starts_with("stoop: "), "{said}");
+    }
+}
+
+#[test]
+fn missing_files_are_named_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("path.json");
+    let path = path.to_str().unwrap();
+    let (code, said) = stoop(&["fly", "world", "--path", path]);
+    assert!(code == 1 && said.contains("path.json") && said.lines().count() == 1, "{said}");
+    let columns = r#"["t_s", "lon_deg", "lat_deg", "height_m", "heading_deg", "pitch_deg"]"#;
+    let text = format!(r#"{{"columns": {columns}, "samples": [[0, 0, 0, 1e6, 0, -90]]}}"#);
+    std::fs::write(path, text).unwrap();
+    let (code, said) = stoop(&["fly", "no/such/world", "--path", path]);
+    assert!(code == 1 && said.contains("no/such/world") && said.lines().count() == 1, "{said}");
+}

@@ -172,7 +172,8 @@ impl Engine {
             excess_max_px: chosen.excess_max_px,
             excess_p99_px: chosen.excess_p99_px,
             raw_error_px: chosen.raw_error_px,
-            coverage: chosen.coverage,
+            // No share is −0.
+            coverage: chosen.coverage + 0.0,
             cells_tested: chosen.cells_tested,
             cells_culled: chosen.cells_culled,
             cells_drawn: selection.pieces.len() as u32,

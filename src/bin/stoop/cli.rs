@@ -120,8 +120,8 @@ pub fn make_folder(folder: &PathBuf) -> anyhow::Result<()> {
 }
 
 /// A world for the engine.
-pub fn open(_folder: &std::path::Path) -> anyhow::Result<stoop::engine::Source> {
-    Err(NotYet::new("opening worlds", "update stoop").into())
+pub fn open(folder: &std::path::Path) -> anyhow::Result<stoop::engine::Source> {
+    Ok(stoop::engine::Source::of(stoop::store::World::open(folder)?))
 }
 
 /// Writes to standard output; a closed pipe is no failure of the work that was done.
