@@ -11,9 +11,15 @@ mod bytes;
 mod error;
 mod frame;
 mod imagery;
+mod index;
 mod manifest;
+mod map;
 mod objects;
+mod pack;
 mod terrain;
+mod verify;
+mod world;
+mod writer;
 
 pub use error::{EncodeError, PageFault, StoreError};
 pub use imagery::{JPEG_QUALITY, decode_imagery, encode_imagery};
@@ -22,7 +28,11 @@ pub use objects::{
     FOOTPRINT_UNIT_MAX_M, OBJECT_HEIGHT_UNIT_M, PrismPage, decode_attributes, decode_objects, decode_prisms,
     encode_objects,
 };
+pub use pack::PageSource;
 pub use terrain::{HEIGHT_STEP_MIN_M, decode_terrain, encode_terrain, height_step_m};
+pub use verify::{Problem, Verified};
+pub use world::{MANIFEST_FILE, World};
+pub use writer::{Existing, MemoryWriter, WorldWriter};
 
 use crate::content::{Page, PageId, PageKind};
 use std::sync::Arc;
