@@ -9,18 +9,10 @@ pub mod engine;
 pub mod forest;
 pub mod geodesy;
 pub mod paging;
-<<<<<<< HEAD
-<<<<<<< HEAD
-pub mod record;
 #[cfg(feature = "prepare")]
 pub mod prepare;
-=======
-pub mod render;
->>>>>>> render
-=======
 pub mod record;
 pub mod render;
->>>>>>> engine
 pub mod select;
 pub mod store;
 pub mod units;

@@ -45,17 +45,17 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
 }
 
 fn verify(world: &World, json: bool) -> anyhow::Result<ExitCode> {
-    let report = world.verify(&mut |_| {});
+    let report = world.verify(&mut |_, _| {});
     if json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {
-        println!("{} pages, {} bytes verified", report.pages, report.bytes);
-        for fault in &report.faults {
-            println!("fault: {fault}");
+        println!("{} nodes, {} pages, {} bytes verified", report.nodes, report.pages, report.bytes);
+        for problem in &report.problems {
+            println!("{}: {}", problem.place, problem.what);
         }
-        println!("{}", if report.faults.is_empty() { "clean" } else { "not clean" });
+        println!("{}", if report.problems.is_empty() { "clean" } else { "not clean" });
     }
-    Ok(cli::clean(report.faults.is_empty()))
+    Ok(cli::clean(report.problems.is_empty()))
 }
 
 #[cfg(feature = "prepare")]
