@@ -256,7 +256,9 @@ impl CellId {
     /// All ordinals of the subtree, this cell first.
     pub fn subtree(self) -> std::ops::RangeInclusive<Self> {
         let below = (1u64 << (2 * (LEVEL_MAX - self.level()))) - 1;
-        self..=Self((self.path() | below) << LEVEL_BITS | LEVEL_MAX as u64 | (self.zone().0 as u64) << (PATH_BITS + LEVEL_BITS))
+        self..=Self(
+            (self.path() | below) << LEVEL_BITS | LEVEL_MAX as u64 | (self.zone().0 as u64) << (PATH_BITS + LEVEL_BITS),
+        )
     }
 
     pub fn bounds(self) -> GeoBounds {

@@ -65,7 +65,8 @@ impl Geodetic {
         let mut lat_rad = 0.0;
         for _ in 0..6 {
             let (sin_b, cos_b) = beta.sin_cos();
-            let next = (p.z + e2_prime_b * sin_b.powi(3)).atan2(across - ECCENTRICITY_SQ * SEMI_MAJOR_M * cos_b.powi(3));
+            let next =
+                (p.z + e2_prime_b * sin_b.powi(3)).atan2(across - ECCENTRICITY_SQ * SEMI_MAJOR_M * cos_b.powi(3));
             let (sin_lat, cos_lat) = next.sin_cos();
             beta = (ratio * sin_lat).atan2(cos_lat);
             if next == lat_rad {

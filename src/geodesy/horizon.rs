@@ -15,8 +15,7 @@ pub struct HorizonCone {
 
 impl HorizonCone {
     pub fn new(eye: Point<Ecef>, sunk_m: f64) -> Self {
-        let inverse_radii =
-            1.0 / DVec3::new(SEMI_MAJOR_M - sunk_m, SEMI_MAJOR_M - sunk_m, SEMI_MINOR_M - sunk_m);
+        let inverse_radii = 1.0 / DVec3::new(SEMI_MAJOR_M - sunk_m, SEMI_MAJOR_M - sunk_m, SEMI_MINOR_M - sunk_m);
         let scaled = eye.xyz() * inverse_radii;
         Self { inverse_radii, eye: scaled, magnitude_sq: scaled.length_squared() - 1.0 }
     }
@@ -25,9 +24,7 @@ impl HorizonCone {
     pub fn hides(&self, point: Point<Ecef>) -> bool {
         let to = point.xyz() * self.inverse_radii - self.eye;
         let along = -to.dot(self.eye);
-        self.magnitude_sq > 0.0
-            && along > self.magnitude_sq
-            && along * along > self.magnitude_sq * to.length_squared()
+        self.magnitude_sq > 0.0 && along > self.magnitude_sq && along * along > self.magnitude_sq * to.length_squared()
     }
 
     /// Whether the Earth hides a whole box: the hidden part is convex, so all its corners must be hidden.
