@@ -8,6 +8,9 @@ pub mod imagery_source;
 pub mod raster;
 pub mod recipe;
 pub mod source;
+pub mod stage;
+pub mod task;
+pub mod terrain;
 
 pub use elevation::Elevation;
 pub use error::PrepareError;
