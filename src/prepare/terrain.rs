@@ -6,7 +6,7 @@ mod pyramid;
 mod truth;
 
 pub use page::build;
-pub use pyramid::{CellPlan, Terrain, ZonePlan};
+pub use pyramid::{CellPlan, Terrain, ZonePlan, deviation_m};
 pub use truth::Truth;
 
 #[cfg(test)]

@@ -9,9 +9,9 @@
 
 use super::measure::{Drawn, Flags, Positions};
 use super::page::{self, quantized};
-use super::truth::{Posts, Samples, Truth};
+use super::truth::{Posts, Samples, Truth, post_index};
 use crate::content::rtin::{Active, Diagonal};
-use crate::content::{POSTS, Surface, border_posts};
+use crate::content::{POSTS, Surface, TerrainPage, border_posts};
 use crate::forest::{CellId, LEVEL_MAX, Zone};
 use crate::prepare::task::{Stopped, Task};
 use rayon::prelude::*;
@@ -196,6 +196,19 @@ impl Terrain<'_> {
     fn for_each<I: Sync, O: Send>(&self, items: &[I], work: impl Fn(&I) -> O + Sync + Send) -> Result<Vec<O>, Stopped> {
         items.par_iter().map(|item| self.task.step().map(|()| work(item))).collect()
     }
+}
+
+/// The largest vertical distance between a page's surface and the truth, over all source posts in its cell and its
+/// own 65 × 65 posts; metres.
+pub fn deviation_m(truth: &dyn Truth, page: &TerrainPage) -> f64 {
+    let posts = Posts::of(truth, page.cell);
+    let mut heights = posts.heights_m.clone();
+    for post in &page.posts {
+        heights[post_index(post.column.into(), post.row.into())] = f64::from(post.height_m);
+    }
+    let drawn = Drawn::of(page.diagonal, &page.active());
+    let positions = Positions::new(page.cell, page.diagonal, &heights);
+    positions.surface_deviation_m(&drawn, &page.surface(1.0), &Samples::new(truth, page.cell, &posts))
 }
 
 /// The next f32 that is not below.
