@@ -4,9 +4,9 @@ use super::Recipe;
 use super::pipeline::{BuildError, BuildOptions, Control, for_each_cell};
 use super::stage::Stages;
 use super::task::Task;
-use crate::forest::index::{IndexForest, IndexTree, NodeInfo, ObjectsEntry, TerrainEntry};
+use crate::forest::index::{IndexTree, NodeInfo, ObjectsEntry, TerrainEntry};
 use crate::forest::{CellId, Zone};
-use crate::store::{CollectionInfo, LayerInfo, Manifest, SourceInfo, StoreError, WorldWriter};
+use crate::store::{CollectionInfo, Existing, Manifest, SourceInfo, StoreError, World, WorldWriter};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -42,34 +42,6 @@ pub fn check_target(out: &Path, replace: bool) -> Result<(), StoreError> {
     Ok(())
 }
 
-/// Counts and bytes of a layer.
-#[derive(Default)]
-struct LayerCount(LayerInfo);
-
-impl LayerCount {
-    fn add(&mut self, cell: CellId, bytes: u32) {
-        let (level, info) = (usize::from(cell.level()), &mut self.0);
-        if info.pages_by_level.len() <= level {
-            info.pages_by_level.resize(level + 1, 0);
-            info.bytes_by_level.resize(level + 1, 0);
-        }
-        info.pages_by_level[level] += 1;
-        info.bytes_by_level[level] += u64::from(bytes);
-        info.level_max = info.level_max.max(cell.level());
-    }
-
-    fn finish(self) -> Option<LayerInfo> {
-        (!self.0.pages_by_level.is_empty()).then_some(self.0)
-    }
-}
-
-#[derive(Default)]
-struct Assembly {
-    terrain: LayerCount,
-    imagery: LayerCount,
-    pack_bytes: u64,
-}
-
 /// Writes the world and puts it in its place.
 pub fn world(
     recipe: &Recipe,
@@ -81,33 +53,34 @@ pub fn world(
     control: &Control,
 ) -> Result<Manifest, BuildError> {
     let task = Task::new("write world", options.out.display().to_string(), Zone::COUNT as u64, control.stop, control.on_progress);
-    let mut writer = WorldWriter::create(&options.out, options.replace)?;
-    let mut forest = IndexForest::default();
-    let mut assembly = Assembly::default();
+    let existing = if options.replace { Existing::Replace } else { Existing::Refuse };
+    let mut writer = WorldWriter::create(&options.out, existing)?;
+    let mut trees = Vec::new();
     let mut height_range_m = (f64::INFINITY, f64::NEG_INFINITY);
     for zone in Zone::all() {
         task.step()?;
-        let nodes = assembly.zone(zone, stages, &collections, &mut writer)?;
+        let nodes = pages_of(zone, stages, &collections, &mut writer)?;
         if let Some(root) = nodes.get(&zone.root()) {
             height_range_m = union(height_range_m, root.height_range_m);
         }
-        forest.insert(IndexTree::build(zone, &nodes)?);
+        trees.push(IndexTree::build(zone, &nodes)?);
     }
     let manifest = Manifest {
-        version: 1,
+        version: Manifest::VERSION,
         name: recipe.name.clone(),
-        datum: "WGS84 ellipsoidal".to_owned(),
+        datum: Manifest::DATUM.to_owned(),
         recipe_hash: format!("{hash:016x}"),
-        terrain: assembly.terrain.finish(),
-        imagery: assembly.imagery.finish(),
+        terrain: None,
+        imagery: None,
         collections: collections.into_iter().map(|collection| collection.info).collect(),
         sources,
         height_range_m,
-        zones: Zone::all().map(|zone| zone.index() as u8).collect(),
-        index_bytes: forest.byte_len() as u64,
-        pack_bytes: assembly.pack_bytes,
+        zones: Vec::new(),
+        index_bytes: 0,
+        pack_bytes: 0,
     };
-    Ok(writer.finish(manifest, &forest)?)
+    writer.finish(manifest, &trees)?;
+    Ok(World::open(&options.out)?.manifest().clone())
 }
 
 type Range = (f64, f64);
@@ -116,53 +89,45 @@ fn union(a: Range, b: Range) -> Range {
     (a.0.min(b.0), a.1.max(b.1))
 }
 
-impl Assembly {
-    /// Appends the pages of a zone to its pack; returns what its index is to know.
-    fn zone(
-        &mut self,
-        zone: Zone,
-        stages: &Stages,
-        collections: &[Collection],
-        writer: &mut WorldWriter,
-    ) -> Result<BTreeMap<CellId, NodeInfo>, BuildError> {
-        let mut nodes: BTreeMap<CellId, NodeInfo> = BTreeMap::new();
-        let mut grounds: BTreeMap<CellId, Range> = BTreeMap::new();
-        for_each_cell(stages, zone, &mut |cell, pages| {
-            let node = nodes.entry(cell).or_default();
-            if let Some(terrain) = pages.terrain {
-                let place = writer.append(zone, &terrain.bytes)?;
-                node.terrain = Some(TerrainEntry { place, error_m: terrain.error_m });
-                self.terrain.add(cell, place.len);
-                self.pack_bytes += u64::from(place.len);
-                let (low, high) = terrain.height_range_m;
-                grounds.insert(cell, (f64::from(low), f64::from(high)));
-            }
-            if let Some(imagery) = pages.imagery {
-                let place = writer.append(zone, &imagery)?;
-                node.imagery = Some(place);
-                self.imagery.add(cell, place.len);
-                self.pack_bytes += u64::from(place.len);
-            }
-            Ok(())
-        })?;
-        let mut objects: BTreeMap<CellId, Range> = BTreeMap::new();
-        for (number, collection) in collections.iter().enumerate() {
-            for page in collection.pages.iter().filter(|page| page.root.zone() == zone) {
-                let place = writer.append(zone, &page.bytes)?;
-                self.pack_bytes += u64::from(place.len);
-                add_objects(&mut nodes, page, ObjectsEntry {
-                    collection: number as u8,
-                    rep: 0,
-                    place,
-                    dimension_m: page.dimension_m,
-                });
-                let range = objects.entry(page.root).or_insert(page.height_range_m);
-                *range = union(*range, page.height_range_m);
-            }
-        }
-        close(&mut nodes, &grounds, &objects);
-        Ok(nodes)
+/// Appends the pages of a zone to its pack; returns what its index is to know.
+fn pages_of(
+    zone: Zone,
+    stages: &Stages,
+    collections: &[Collection],
+    writer: &mut WorldWriter,
+) -> Result<BTreeMap<CellId, NodeInfo>, BuildError> {
+let mut nodes: BTreeMap<CellId, NodeInfo> = BTreeMap::new();
+let mut grounds: BTreeMap<CellId, Range> = BTreeMap::new();
+for_each_cell(stages, zone, &mut |cell, pages| {
+    let node = nodes.entry(cell).or_default();
+    if let Some(terrain) = pages.terrain {
+        let place = writer.append(zone, &terrain.bytes)?;
+        node.terrain = Some(TerrainEntry { place, error_m: terrain.error_m });
+        let (low, high) = terrain.height_range_m;
+        grounds.insert(cell, (f64::from(low), f64::from(high)));
     }
+    if let Some(imagery) = pages.imagery {
+        let place = writer.append(zone, &imagery)?;
+        node.imagery = Some(place);
+    }
+    Ok(())
+})?;
+let mut objects: BTreeMap<CellId, Range> = BTreeMap::new();
+for (number, collection) in collections.iter().enumerate() {
+    for page in collection.pages.iter().filter(|page| page.root.zone() == zone) {
+        let place = writer.append(zone, &page.bytes)?;
+        add_objects(&mut nodes, page, ObjectsEntry {
+            collection: number as u8,
+            rep: 0,
+            place,
+            dimension_m: page.dimension_m,
+        });
+        let range = objects.entry(page.root).or_insert(page.height_range_m);
+        *range = union(*range, page.height_range_m);
+    }
+}
+close(&mut nodes, &grounds, &objects);
+Ok(nodes)
 }
 
 fn add_objects(nodes: &mut BTreeMap<CellId, NodeInfo>, page: &ObjectsPage, entry: ObjectsEntry) {
