@@ -57,9 +57,14 @@ fn main() -> std::process::ExitCode {
     match run(&args) {
         Ok(()) => std::process::ExitCode::SUCCESS,
         Err(error) => {
-            let stopped = error.downcast_ref::<pipeline::BuildError>().is_some_and(|e| matches!(e, pipeline::BuildError::Stopped(_)));
+            let stopped = error
+                .downcast_ref::<pipeline::BuildError>()
+                .is_some_and(|e| matches!(e, pipeline::BuildError::Stopped(_)));
             if json {
-                println!("{}", serde_json::json!({ "event": "error", "stopped": stopped, "message": format!("{error:#}") }));
+                println!(
+                    "{}",
+                    serde_json::json!({ "event": "error", "stopped": stopped, "message": format!("{error:#}") })
+                );
             }
             eprintln!("stoop-prepare: {error:#}");
             std::process::ExitCode::from(if stopped { 130 } else { 1 })
@@ -86,12 +91,8 @@ fn run(args: &Args) -> anyhow::Result<()> {
     };
     ctrlc::set_handler(handler).context("Ctrl-C cannot be caught")?;
     let started = Instant::now();
-    let options = BuildOptions {
-        out: args.out.clone(),
-        root: args.root.clone(),
-        memory: args.memory,
-        replace: args.replace,
-    };
+    let options =
+        BuildOptions { out: args.out.clone(), root: args.root.clone(), memory: args.memory, replace: args.replace };
     let shown = Shown::new(args.json);
     let control = Control {
         stop: &stop,
@@ -170,11 +171,7 @@ impl Shown {
         print_layer("terrain", manifest.terrain.as_ref());
         print_layer("imagery", manifest.imagery.as_ref());
         manifest.collections.iter().for_each(print_collection);
-        println!(
-            "packs {}, indexes {}, {seconds:.1} s",
-            ByteSize(manifest.pack_bytes),
-            ByteSize(manifest.index_bytes)
-        );
+        println!("packs {}, indexes {}, {seconds:.1} s", ByteSize(manifest.pack_bytes), ByteSize(manifest.index_bytes));
     }
 }
 
@@ -191,13 +188,20 @@ fn print_sources(manifest: &Manifest) {
     println!("sources:");
     for source in &manifest.sources {
         let spacing = if source.spacing_m > 0.0 { format!(", {:.1} m", source.spacing_m) } else { String::new() };
-        println!("  {:10} {} ({} samples or features{spacing}) {}", source.kind, source.file, source.count, source.credit);
+        println!(
+            "  {:10} {} ({} samples or features{spacing}) {}",
+            source.kind, source.file, source.count, source.credit
+        );
     }
 }
 
 fn print_layer(name: &str, layer: Option<&LayerInfo>) {
     let Some(layer) = layer else { return };
-    println!("{name}: {} pages, {}", layer.pages_by_level.iter().sum::<u64>(), ByteSize(layer.bytes_by_level.iter().sum()));
+    println!(
+        "{name}: {} pages, {}",
+        layer.pages_by_level.iter().sum::<u64>(),
+        ByteSize(layer.bytes_by_level.iter().sum())
+    );
     for (level, (pages, bytes)) in layer.pages_by_level.iter().zip(&layer.bytes_by_level).enumerate() {
         println!("  level {level:2}: {pages:8} pages {:>12}", ByteSize(*bytes).to_string());
     }

@@ -99,8 +99,13 @@ pub fn check_against(
 ) -> Result<AgainstReport, AgainstError> {
     let root = root.unwrap_or(recipe.root());
     let elevation = Elevation::open(recipe, root, ByteSize(1 << 30), on_progress)?;
-    let cells: Vec<CellId> =
-        world.index().trees().flat_map(|tree| tree.nodes()).filter(|node| node.terrain().is_some()).map(|node| node.cell()).collect();
+    let cells: Vec<CellId> = world
+        .index()
+        .trees()
+        .flat_map(|tree| tree.nodes())
+        .filter(|node| node.terrain().is_some())
+        .map(|node| node.cell())
+        .collect();
     let is_leaf = |&cell: &CellId| {
         world.index().find(cell).is_some_and(|node| node.children().all(|child| child.terrain().is_none()))
     };
@@ -289,7 +294,9 @@ impl Checker<'_> {
             return Ok(page);
         }
         let page = read_terrain(self.world, cell)?;
-        if cell.level() <= KEPT_LEVELS && let Ok(mut kept) = self.kept.lock() {
+        if cell.level() <= KEPT_LEVELS
+            && let Ok(mut kept) = self.kept.lock()
+        {
             kept.insert(cell, Arc::clone(&page));
         }
         Ok(page)

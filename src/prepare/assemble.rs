@@ -52,7 +52,13 @@ pub fn world(
     collections: Vec<Collection>,
     control: &Control,
 ) -> Result<Manifest, BuildError> {
-    let task = Task::new("write world", options.out.display().to_string(), Zone::COUNT as u64, control.stop, control.on_progress);
+    let task = Task::new(
+        "write world",
+        options.out.display().to_string(),
+        Zone::COUNT as u64,
+        control.stop,
+        control.on_progress,
+    );
     let existing = if options.replace { Existing::Replace } else { Existing::Refuse };
     let mut writer = WorldWriter::create(&options.out, existing)?;
     let mut trees = Vec::new();
@@ -96,38 +102,37 @@ fn pages_of(
     collections: &[Collection],
     writer: &mut WorldWriter,
 ) -> Result<BTreeMap<CellId, NodeInfo>, BuildError> {
-let mut nodes: BTreeMap<CellId, NodeInfo> = BTreeMap::new();
-let mut grounds: BTreeMap<CellId, Range> = BTreeMap::new();
-for_each_cell(stages, zone, &mut |cell, pages| {
-    let node = nodes.entry(cell).or_default();
-    if let Some(terrain) = pages.terrain {
-        let place = writer.append(zone, &terrain.bytes)?;
-        node.terrain = Some(TerrainEntry { place, error_m: terrain.error_m });
-        let (low, high) = terrain.height_range_m;
-        grounds.insert(cell, (f64::from(low), f64::from(high)));
+    let mut nodes: BTreeMap<CellId, NodeInfo> = BTreeMap::new();
+    let mut grounds: BTreeMap<CellId, Range> = BTreeMap::new();
+    for_each_cell(stages, zone, &mut |cell, pages| {
+        let node = nodes.entry(cell).or_default();
+        if let Some(terrain) = pages.terrain {
+            let place = writer.append(zone, &terrain.bytes)?;
+            node.terrain = Some(TerrainEntry { place, error_m: terrain.error_m });
+            let (low, high) = terrain.height_range_m;
+            grounds.insert(cell, (f64::from(low), f64::from(high)));
+        }
+        if let Some(imagery) = pages.imagery {
+            let place = writer.append(zone, &imagery)?;
+            node.imagery = Some(place);
+        }
+        Ok(())
+    })?;
+    let mut objects: BTreeMap<CellId, Range> = BTreeMap::new();
+    for (number, collection) in collections.iter().enumerate() {
+        for page in collection.pages.iter().filter(|page| page.root.zone() == zone) {
+            let place = writer.append(zone, &page.bytes)?;
+            add_objects(
+                &mut nodes,
+                page,
+                ObjectsEntry { collection: number as u8, rep: 0, place, dimension_m: page.dimension_m },
+            );
+            let range = objects.entry(page.root).or_insert(page.height_range_m);
+            *range = union(*range, page.height_range_m);
+        }
     }
-    if let Some(imagery) = pages.imagery {
-        let place = writer.append(zone, &imagery)?;
-        node.imagery = Some(place);
-    }
-    Ok(())
-})?;
-let mut objects: BTreeMap<CellId, Range> = BTreeMap::new();
-for (number, collection) in collections.iter().enumerate() {
-    for page in collection.pages.iter().filter(|page| page.root.zone() == zone) {
-        let place = writer.append(zone, &page.bytes)?;
-        add_objects(&mut nodes, page, ObjectsEntry {
-            collection: number as u8,
-            rep: 0,
-            place,
-            dimension_m: page.dimension_m,
-        });
-        let range = objects.entry(page.root).or_insert(page.height_range_m);
-        *range = union(*range, page.height_range_m);
-    }
-}
-close(&mut nodes, &grounds, &objects);
-Ok(nodes)
+    close(&mut nodes, &grounds, &objects);
+    Ok(nodes)
 }
 
 fn add_objects(nodes: &mut BTreeMap<CellId, NodeInfo>, page: &ObjectsPage, entry: ObjectsEntry) {

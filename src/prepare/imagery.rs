@@ -1,8 +1,8 @@
 //! Imagery: which cells have a picture, and their texels. Every level is made from the composite picture, averaged
 //! over the level's own texels, so that neighbours agree on the gutter between them.
 
-use super::task::{Stopped, Task};
 use super::Pictures;
+use super::task::{Stopped, Task};
 use crate::content::{IMAGERY_GUTTER_PX, IMAGERY_PX, IMAGERY_STORED_PX};
 use crate::forest::{CellId, Zone};
 use crate::geodesy::GeoBounds;

@@ -96,7 +96,9 @@ pub fn build(recipe: &Recipe, options: &BuildOptions, control: &Control) -> Resu
 
     let (stages, was_other) = Stages::open(&options.out, hash)?;
     if was_other {
-        (control.on_note)("the unfinished work beside the output was for another recipe or other sources: starting afresh");
+        (control.on_note)(
+            "the unfinished work beside the output was for another recipe or other sources: starting afresh",
+        );
     }
     let inputs = Inputs { elevation: &elevation, pictures: &pictures, stages: &stages, control };
     for zone in Zone::all() {
@@ -109,7 +111,15 @@ pub fn build(recipe: &Recipe, options: &BuildOptions, control: &Control) -> Resu
     }
     let started = Instant::now();
     let manifest = assemble::world(recipe, hash, options, &stages, sources, collections, control)?;
-    done(control, "write", &options.out.display().to_string(), 0, manifest.pack_bytes + manifest.index_bytes, started, false);
+    done(
+        control,
+        "write",
+        &options.out.display().to_string(),
+        0,
+        manifest.pack_bytes + manifest.index_bytes,
+        started,
+        false,
+    );
     stages.remove()?;
     Ok(manifest)
 }

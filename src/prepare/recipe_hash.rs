@@ -10,7 +10,8 @@ use xxhash_rust::xxh3::Xxh3;
 const PART_BYTES: u64 = 1 << 16;
 /// What may lie in a folder that a recipe names.
 const EXTENSIONS: &[&str] = &[
-    "tif", "tiff", "hgt", "nc", "cdf", "png", "jpg", "jpeg", "geojson", "json", "geojsonl", "ndjson", "fgb", "pbf", "csv",
+    "tif", "tiff", "hgt", "nc", "cdf", "png", "jpg", "jpeg", "geojson", "json", "geojsonl", "ndjson", "fgb", "pbf",
+    "csv",
 ];
 
 /// xxh3 of the recipe's text and, of each source file, its name, its length, its beginning and its end.

@@ -52,7 +52,8 @@ impl Stages {
         let fail = |source| StageError { path: stages.folder.clone(), source };
         if is_other {
             stages.remove()?;
-        } else if found.is_none() && std::fs::read_dir(&stages.folder).is_ok_and(|mut entries| entries.next().is_some()) {
+        } else if found.is_none() && std::fs::read_dir(&stages.folder).is_ok_and(|mut entries| entries.next().is_some())
+        {
             return Err(fail(invalid("holds files that are not of this program")));
         }
         std::fs::create_dir_all(&stages.folder).map_err(fail)?;

@@ -121,5 +121,9 @@ impl ZonePages<'_> {
 fn encode_terrain(page: &TerrainPage) -> Result<EncodedTerrain, store::EncodeError> {
     let heights = page.posts.iter().map(|post| post.height_m);
     let range = heights.fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), h| (low.min(h), high.max(h)));
-    Ok(EncodedTerrain { bytes: store::encode_terrain(page, store::height_step_m(page.error_m))?, error_m: page.error_m, height_range_m: range })
+    Ok(EncodedTerrain {
+        bytes: store::encode_terrain(page, store::height_step_m(page.error_m))?,
+        error_m: page.error_m,
+        height_range_m: range,
+    })
 }

@@ -3,8 +3,8 @@
 //! each sample.
 
 use super::truth::{HALVES, Sample, Samples, is_rising, post_index};
-use crate::content::{POSTS, Surface};
 use crate::content::rtin::{Active, DEPTH, Diagonal, TRIANGLE_COUNT, Triangle};
+use crate::content::{POSTS, Surface};
 use crate::forest::CellId;
 use glam::DVec3;
 use std::sync::LazyLock;
@@ -111,11 +111,7 @@ impl Positions {
     /// the grid, metres.
     pub fn deviation_m(&self, drawn: &Drawn, samples: &Samples) -> f64 {
         let planes = self.drawn_planes(drawn);
-        samples.fold(
-            || 0.0f64,
-            |most, sample| *most = most.max(planes[drawn.over(sample)].miss_m(sample)),
-            f64::max,
-        )
+        samples.fold(|| 0.0f64, |most, sample| *most = most.max(planes[drawn.over(sample)].miss_m(sample)), f64::max)
     }
 
     /// The largest vertical distance between the truth and a page's surface, metres. In space the triangle over a
@@ -199,7 +195,9 @@ impl Drawn {
         triangles.iter().for_each(|triangle| is_drawn.set(triangle.index()));
         let of_half = finest(diagonal)
             .iter()
-            .map(|&finest| (0..=DEPTH).map(|up| finest >> up).find(|&id| is_drawn.get(usize::from(id))).unwrap_or(finest))
+            .map(|&finest| {
+                (0..=DEPTH).map(|up| finest >> up).find(|&id| is_drawn.get(usize::from(id))).unwrap_or(finest)
+            })
             .collect();
         Self { triangles, of_half }
     }

@@ -5,8 +5,8 @@ use super::truth::{Truth, post_index, post_place};
 use crate::content::rtin::{Active, Diagonal, Post};
 use crate::content::{POSTS, Surface, TerrainPage, TerrainPost};
 use crate::forest::CellId;
-use crate::store;
 use crate::geodesy::{GeoBounds, meridian_radius_m, prime_vertical_radius_m};
+use crate::store;
 use std::f64::consts::FRAC_PI_2;
 
 /// A height as it comes out of a page that declares `error_m`, as [`store::encode_terrain`] writes it.

@@ -73,7 +73,11 @@ impl Terrain<'_> {
                 let full = Drawn::of(Diagonal::of(cell), &Active::full());
                 (cell, positions.deviation_m(&full, &Samples::new(self.truth, cell, &posts)))
             })?;
-            cells = level.iter().filter(|(cell, error_m)| self.is_refined(*cell, *error_m)).flat_map(|(cell, _)| cell.children()).collect();
+            cells = level
+                .iter()
+                .filter(|(cell, error_m)| self.is_refined(*cell, *error_m))
+                .flat_map(|(cell, _)| cell.children())
+                .collect();
             levels.push(level);
         }
         Ok(levels)

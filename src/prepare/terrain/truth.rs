@@ -45,7 +45,6 @@ impl Truth for Elevation {
     }
 }
 
-
 const SIDE: usize = POSTS - 1;
 /// Halves of the squares of the grid of posts: `2 · (row · 64 + column)`, plus 1 for the half on the northern side of
 /// the square's diagonal. Each is one of the finest triangles that a place can lie in.
