@@ -8,6 +8,8 @@ pub mod content;
 pub mod forest;
 pub mod geodesy;
 pub mod paging;
+#[cfg(feature = "prepare")]
+pub mod prepare;
 pub mod select;
 pub mod store;
 pub mod units;
