@@ -4,10 +4,12 @@
 pub mod crs;
 pub mod elevation;
 pub mod error;
+pub mod expression;
 pub mod imagery_source;
 pub mod raster;
 pub mod recipe;
 pub mod source;
+pub mod vector;
 
 pub use elevation::Elevation;
 pub use error::PrepareError;

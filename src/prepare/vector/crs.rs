@@ -1,8 +1,8 @@
 //! Coordinates of any system to longitude and latitude.
 
-use super::{Feature, VectorError};
+use super::Feature;
+use crate::prepare::PrepareError;
 use proj::Proj;
-use std::path::Path;
 
 /// Takes a file's coordinates to WGS84 longitude and latitude in degrees.
 pub struct ToLonLat {
@@ -14,12 +14,12 @@ pub struct ToLonLat {
 const LON_LAT: [&str; 4] = ["EPSG:4326", "OGC:CRS84", "CRS84", "WGS84"];
 
 impl ToLonLat {
-    pub fn new(file: &Path, crs: Option<&str>) -> Result<Self, VectorError> {
+    pub fn new(file: &str, crs: Option<&str>) -> Result<Self, PrepareError> {
         let Some(crs) = crs.map(plain_name) else { return Ok(Self { proj: None }) };
         if LON_LAT.iter().any(|known| known.eq_ignore_ascii_case(&crs)) {
             return Ok(Self { proj: None });
         }
-        let proj = Proj::new_known_crs(&crs, "EPSG:4326", None).map_err(|error| VectorError::UnknownCrs {
+        let proj = Proj::new_known_crs(&crs, "EPSG:4326", None).map_err(|error| PrepareError::UnknownCrs {
             file: file.to_owned(),
             crs: crs.clone(),
             what: error.to_string(),
@@ -27,13 +27,12 @@ impl ToLonLat {
         Ok(Self { proj: Some(proj) })
     }
 
-    pub fn apply(&self, file: &Path, feature: &mut Feature) -> Result<(), VectorError> {
+    pub fn apply(&self, file: &str, feature: &mut Feature) -> Result<(), PrepareError> {
         let (Some(proj), number) = (&self.proj, feature.number) else { return Ok(()) };
         for point in feature.points_mut() {
-            let (lon, lat) = proj.convert((point[0], point[1])).map_err(|error| VectorError::Projection {
-                file: file.to_owned(),
-                number,
-                what: error.to_string(),
+            let (lon, lat) = proj.convert((point[0], point[1])).map_err(|error| {
+                let remedy = "check the coordinates, and `crs` in the recipe";
+                PrepareError::value(file, format!("feature {number}"), error, remedy)
             })?;
             *point = [lon, lat];
         }

@@ -1,19 +1,18 @@
 //! FlatGeobuf 3.
 
 use super::crs::ToLonLat;
-use super::{Feature, ReadSummary, VectorError, Visit};
+use super::{Feature, ReadSummary, Visit};
+use crate::prepare::PrepareError;
 use flatgeobuf::{FallibleStreamingIterator, FeatureProperties, FgbFeature, FgbReader, GeometryType, Header};
 use geozero::error::Result as GeozeroResult;
 use geozero::{ColumnValue, PropertyProcessor, ToGeo};
 use serde_json::{Map, Value};
 use std::io::Read;
-use std::path::Path;
 
 /// Reads all features in the file's order; the file's coordinate system, unless `crs` overrides it.
-pub fn read(file: &Path, reader: impl Read, crs: Option<&str>, visit: &mut Visit) -> Result<ReadSummary, VectorError> {
-    let malformed = |error: flatgeobuf::Error, features: u64| VectorError::Malformed {
-        file: file.to_owned(),
-        what: format!("after {features} features: {error}; the file is damaged or no FlatGeobuf: get it again"),
+pub fn read(file: &str, reader: impl Read, crs: Option<&str>, visit: &mut Visit) -> Result<ReadSummary, PrepareError> {
+    let malformed = |error: flatgeobuf::Error, features: u64| {
+        PrepareError::damaged(file, format!("after {features} features"), format!("{error}; it must be FlatGeobuf"))
     };
     let opened = FgbReader::open(reader).map_err(|error| malformed(error, 0))?;
     check_type(file, &opened.header())?;
@@ -24,31 +23,30 @@ pub fn read(file: &Path, reader: impl Read, crs: Option<&str>, visit: &mut Visit
     let mut count = 0;
     while let Some(raw) = features.next().map_err(|error| malformed(error, count))? {
         count += 1;
-        let mut feature = convert(raw, count)
-            .map_err(|what| VectorError::Feature { file: file.to_owned(), number: count, what })?;
+        let mut feature = convert(raw, count).map_err(|what| {
+            PrepareError::value(file, format!("feature {count}"), what, "mend the feature or take it out of the file")
+        })?;
         to_lon_lat.apply(file, &mut feature)?;
         visit(feature)?;
     }
     if count < expected {
-        return Err(VectorError::Malformed {
-            file: file.to_owned(),
-            what: format!("it ends after {count} of {expected} features; get it again"),
-        });
+        let what = format!("it ends after {count} of {expected} features");
+        return Err(PrepareError::damaged(file, "its end", what));
     }
     Ok(ReadSummary { features: count, ..ReadSummary::default() })
 }
 
 /// Files of points or lines are refused at once.
-fn check_type(file: &Path, header: &Header) -> Result<(), VectorError> {
+fn check_type(file: &str, header: &Header) -> Result<(), PrepareError> {
     match header.geometry_type() {
         GeometryType::Unknown
         | GeometryType::Polygon
         | GeometryType::MultiPolygon
         | GeometryType::GeometryCollection => Ok(()),
-        other => Err(VectorError::Malformed {
-            file: file.to_owned(),
-            what: format!("its features are of type {other:?}, and buildings need Polygon or MultiPolygon"),
-        }),
+        other => {
+            let what = format!("its features are of type {other:?}");
+            Err(PrepareError::value(file, "header", what, "buildings need Polygon or MultiPolygon"))
+        }
     }
 }
 
@@ -78,7 +76,7 @@ fn collect(geometry: geo::Geometry, polygons: &mut Vec<super::FootprintPolygon>)
                 collect(part, polygons)?;
             }
         }
-        _ => return Err("its geometry is no Polygon or MultiPolygon; take it out of the file".into()),
+        _ => return Err("its geometry is no Polygon or MultiPolygon".into()),
     }
     Ok(())
 }

@@ -1,16 +1,16 @@
 //! GeoJSON (RFC 7946): a collection, or features one after the other. Streamed: one feature is in memory at a time.
 
 use super::crs::ToLonLat;
-use super::{Feature, FootprintPolygon, ReadSummary, VectorError, Visit};
+use super::{Feature, FootprintPolygon, ReadSummary, Visit};
+use crate::prepare::PrepareError;
 use geojson::GeometryValue;
 use serde::de::{DeserializeSeed, Deserializer, Error as _, MapAccess, SeqAccess, Visitor};
 use serde_json::{Map, Value};
 use std::fmt;
 use std::io::Read;
-use std::path::Path;
 
 /// Reads all features. Degrees of WGS84, unless `crs` or the file's own (older) `crs` member says otherwise.
-pub fn read(file: &Path, reader: impl Read, crs: Option<&str>, visit: &mut Visit) -> Result<ReadSummary, VectorError> {
+pub fn read(file: &str, reader: impl Read, crs: Option<&str>, visit: &mut Visit) -> Result<ReadSummary, PrepareError> {
     let mut state = State {
         file,
         to_lon_lat: ToLonLat::new(file, crs)?,
@@ -39,31 +39,30 @@ pub fn read(file: &Path, reader: impl Read, crs: Option<&str>, visit: &mut Visit
 }
 
 struct State<'a, 'v> {
-    file: &'a Path,
+    file: &'a str,
     to_lon_lat: ToLonLat,
     crs_is_given: bool,
     visit: &'a mut Visit<'v>,
     features: u64,
     without_geometry: u64,
     /// The error behind serde's, which can only carry a text.
-    failed: Option<VectorError>,
+    failed: Option<PrepareError>,
 }
 
 impl State<'_, '_> {
-    fn malformed(&self, error: &serde_json::Error) -> VectorError {
-        VectorError::Malformed {
-            file: self.file.to_owned(),
-            what: format!("after {} features: {error}; it must be GeoJSON", self.features + self.without_geometry),
-        }
+    fn malformed(&self, error: &serde_json::Error) -> PrepareError {
+        let features = self.features + self.without_geometry;
+        PrepareError::damaged(self.file, format!("after {features} features"), format!("{error}; it must be GeoJSON"))
     }
 
-    fn feature_error(&self, number: u64, what: String) -> VectorError {
-        VectorError::Feature { file: self.file.to_owned(), number, what }
+    fn feature_error(&self, number: u64, what: String) -> PrepareError {
+        let remedy = "mend the feature or take it out of the file";
+        PrepareError::value(self.file, format!("feature {number}"), what, remedy)
     }
 
-    fn take(&mut self, value: Value) -> Result<(), VectorError> {
+    fn take(&mut self, value: Value) -> Result<(), PrepareError> {
         let number = self.features + self.without_geometry + 1;
-        let raw = geojson::Feature::from_json_value(value).map_err(|error| self.feature_error(number, error.to_string()))?;
+        let raw = serde_json::from_value::<geojson::Feature>(value).map_err(|error| self.feature_error(number, error.to_string()))?;
         let Some(geometry) = raw.geometry else {
             self.without_geometry += 1;
             return Ok(());
@@ -81,23 +80,21 @@ impl State<'_, '_> {
         (self.visit)(feature)
     }
 
-    fn set_crs(&mut self, member: &Value) -> Result<(), VectorError> {
+    fn set_crs(&mut self, member: &Value) -> Result<(), PrepareError> {
         let Some(name) = member.pointer("/properties/name").and_then(Value::as_str) else { return Ok(()) };
         if self.crs_is_given {
             return Ok(());
         }
         if self.features > 0 {
-            return Err(VectorError::Malformed {
-                file: self.file.to_owned(),
-                what: format!("its `crs` {name:?} comes after its features; name it by `crs` in the recipe"),
-            });
+            let what = format!("its coordinate system {name:?} comes after its features");
+            return Err(PrepareError::value(self.file, "crs", what, "name it by `crs` in the recipe"));
         }
         self.to_lon_lat = ToLonLat::new(self.file, Some(name))?;
         Ok(())
     }
 
     /// Hands an error past serde.
-    fn outcome<E: serde::de::Error>(&mut self, result: Result<(), VectorError>) -> Result<(), E> {
+    fn outcome<E: serde::de::Error>(&mut self, result: Result<(), PrepareError>) -> Result<(), E> {
         result.map_err(|error| {
             let text = error.to_string();
             self.failed = Some(error);
@@ -125,7 +122,7 @@ fn collect(value: GeometryValue, polygons: &mut Vec<FootprintPolygon>) -> Result
         }
         other => {
             return Err(format!(
-                "its geometry is a {}, and a building needs a Polygon or MultiPolygon; take it out of the file",
+                "its geometry is a {}, and a building needs a Polygon or MultiPolygon",
                 other.type_name()
             ));
         }
@@ -220,9 +217,9 @@ impl<'de> Visitor<'de> for Features<'_, '_, '_> {
 mod tests {
     use super::*;
 
-    fn read_text(text: &str) -> Result<Vec<Feature>, VectorError> {
+    fn read_text(text: &str) -> Result<Vec<Feature>, PrepareError> {
         let mut features = Vec::new();
-        read(Path::new("a.geojson"), text.as_bytes(), None, &mut |feature| {
+        read("a.geojson", text.as_bytes(), None, &mut |feature| {
             features.push(feature);
             Ok(())
         })?;

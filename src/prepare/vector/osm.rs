@@ -1,10 +1,11 @@
 //! OpenStreetMap extracts (PBF): the wanted ways and multipolygons with their coordinates. Three passes over the
 //! file (relations, ways, nodes), so that only what is wanted is in memory.
 
-use super::{FootprintPolygon, Ring, VectorError};
+use super::{FootprintPolygon, Ring};
+use crate::prepare::PrepareError;
+use crate::prepare::source::SourceFile;
 use osmpbf::{Element, ElementReader, RelMemberType};
 use std::collections::{BTreeMap, HashMap, HashSet};
-use std::path::Path;
 
 /// Tags of an element.
 pub type Tags = BTreeMap<String, String>;
@@ -59,7 +60,7 @@ pub struct Assembled {
 
 impl OsmFile {
     /// Loads the ways and multipolygon relations with a tag that is `wanted` (key, value).
-    pub fn load(file: &Path, wanted: &(dyn Fn(&str, &str) -> bool + Sync)) -> Result<Self, VectorError> {
+    pub fn load(file: &SourceFile, wanted: &(dyn Fn(&str, &str) -> bool + Sync)) -> Result<Self, PrepareError> {
         let mut relations = pass(file, |element| match element {
             Element::Relation(relation) => relation_of(&relation, wanted).into_iter().collect(),
             _ => Vec::new(),
@@ -122,9 +123,8 @@ impl OsmFile {
 }
 
 /// One pass over the file, blocks in parallel; results in no particular order.
-fn pass<T: Send>(file: &Path, map: impl Fn(Element) -> Vec<T> + Sync + Send) -> Result<Vec<T>, VectorError> {
-    let source = std::fs::File::open(file).map_err(|source| VectorError::Io { file: file.to_owned(), source })?;
-    ElementReader::new(std::io::BufReader::new(source))
+fn pass<T: Send>(file: &SourceFile, map: impl Fn(Element) -> Vec<T> + Sync + Send) -> Result<Vec<T>, PrepareError> {
+    ElementReader::new(file.open()?)
         .par_map_reduce(map, Vec::new, |mut a, mut b| {
             if a.len() < b.len() {
                 std::mem::swap(&mut a, &mut b);
@@ -132,10 +132,7 @@ fn pass<T: Send>(file: &Path, map: impl Fn(Element) -> Vec<T> + Sync + Send) -> 
             a.append(&mut b);
             a
         })
-        .map_err(|error| VectorError::Malformed {
-            file: file.to_owned(),
-            what: format!("{error}; the file is damaged or no OpenStreetMap PBF: get it again"),
-        })
+        .map_err(|error| PrepareError::damaged(file, "a block", format!("{error}; it must be OpenStreetMap PBF")))
 }
 
 fn own<'a>(tags: impl Iterator<Item = (&'a str, &'a str)>) -> Tags {

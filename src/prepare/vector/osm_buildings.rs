@@ -4,9 +4,10 @@
 //! less than half of it is kept beside them, for unfinished mapping must not tear holes into a city.
 
 use super::osm::{Assembled, OsmFile, Tags, Way, area, contains};
-use super::{Feature, FootprintPolygon, ReadSummary, VectorError, Visit};
+use super::{Feature, FootprintPolygon, ReadSummary, Visit};
+use crate::prepare::PrepareError;
+use crate::prepare::source::SourceFile;
 use std::collections::{BTreeMap, HashMap, HashSet};
-use std::path::Path;
 use std::sync::Arc;
 
 /// What an extract holds.
@@ -34,7 +35,7 @@ struct Candidate {
     polygons: Vec<FootprintPolygon>,
 }
 
-pub fn read(file: &Path, visit: &mut Visit) -> Result<ReadSummary, VectorError> {
+pub fn read(file: &SourceFile, visit: &mut Visit) -> Result<ReadSummary, PrepareError> {
     let osm = OsmFile::load(file, &|key, value| matches!(key, "building" | "building:part") && value != "no")?;
     let mut summary = ReadSummary::default();
     let mut counts = OsmBuildingCounts::default();
