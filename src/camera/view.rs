@@ -82,12 +82,7 @@ impl View {
         let side = |x: f64, y: f64, z: f64| rotation * DVec3::new(x, y, z).normalize();
         Frustum {
             eye: self.eye(),
-            inward: [
-                side(1.0, 0.0, -tan_x),
-                side(-1.0, 0.0, -tan_x),
-                side(0.0, 1.0, -tan_y),
-                side(0.0, -1.0, -tan_y),
-            ],
+            inward: [side(1.0, 0.0, -tan_x), side(-1.0, 0.0, -tan_x), side(0.0, 1.0, -tan_y), side(0.0, -1.0, -tan_y)],
         }
     }
 

@@ -21,7 +21,10 @@ pub enum PageKind {
     Terrain,
     Imagery,
     /// The page of objects of a collection that is rooted at the cell; `rep` 0 is the finest.
-    Objects { collection: u8, rep: u8 },
+    Objects {
+        collection: u8,
+        rep: u8,
+    },
 }
 
 /// Names a page of a world.

@@ -102,14 +102,18 @@ pub struct CellObjects {
 
 impl ObjectPage {
     /// Draws prisms up into a page and its mesh; prisms are put in order of their cells.
-    pub fn from_prisms(_root: CellId, _collection: u8, _rep: u8, _error_m: f32, _prisms: Vec<Prism>) -> (Self, ObjectMesh) {
+    pub fn from_prisms(
+        _root: CellId,
+        _collection: u8,
+        _rep: u8,
+        _error_m: f32,
+        _prisms: Vec<Prism>,
+    ) -> (Self, ObjectMesh) {
         todo!()
     }
 
     pub fn byte_len(&self) -> usize {
-        size_of::<Self>()
-            + size_of_val(&*self.objects)
-            + size_of_val(&*self.cells)
+        size_of::<Self>() + size_of_val(&*self.objects) + size_of_val(&*self.cells)
     }
 
     /// The indices that draw a range of objects.

@@ -259,7 +259,10 @@ impl IndexTree {
         let mut roots_seen = 1;
         for (at, segment) in self.segments.iter().enumerate() {
             let fail = |what| Err(IndexError::Malformed { segment: at as u32, what });
-            if segment.root.level() % SEGMENT_LEVELS != 0 || segment.root.zone() != self.zone || segment.nodes().is_empty() {
+            if segment.root.level() % SEGMENT_LEVELS != 0
+                || segment.root.zone() != self.zone
+                || segment.nodes().is_empty()
+            {
                 return fail("a wrong root or no node");
             }
             if at == 0 && segment.root != self.zone.root() {
