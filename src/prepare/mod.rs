@@ -1,6 +1,7 @@
 //! Source files → world. The only user of PROJ and of the readers of raster and vector formats; run-time code never
 //! sees what is in here. Behind the feature `prepare`.
 
+pub mod buildings;
 pub mod crs;
 pub mod elevation;
 pub mod error;
