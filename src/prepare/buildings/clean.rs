@@ -2,6 +2,7 @@
 
 use crate::geodesy::{meridian_radius_m, prime_vertical_radius_m};
 use crate::prepare::vector::{FootprintPolygon, Ring};
+use geo::triangulate_delaunay::{SpadeTriangulationConfig, TriangulateDelaunay};
 use geo::{Area, BooleanOps, Coord, LineString, MultiPolygon, Polygon, TriangulateEarcut};
 use std::collections::BTreeSet;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -51,49 +52,55 @@ impl Plane {
 
 /// Cleans a feature's polygons. What was repaired is added to `repaired`; an error says why nothing is left.
 pub fn clean(polygons: &[FootprintPolygon], repaired: &mut BTreeSet<Reason>) -> Result<Vec<Footprint>, Reason> {
-    let first = polygons.iter().flatten().flatten().next().ok_or("no points")?;
-    check(polygons)?;
-    let origin = [first[0].to_radians(), first[1].to_radians()];
-    let plane = Plane::about(origin);
+    let origin = polygons.iter().filter_map(|rings| rings.first()).flatten().find(|point| fault(point).is_none());
+    let Some(origin) = origin else {
+        let first = polygons.iter().flatten().flatten().next();
+        return Err(first.and_then(fault).unwrap_or("no points"));
+    };
+    let plane = Plane::about(origin.map(f64::to_radians));
     let mut footprints = Vec::new();
-    let mut tiny = 0;
+    let mut failed: Option<Reason> = None;
     for rings in polygons {
-        let Some(polygon) = sound_rings(rings, plane, repaired) else {
-            tiny += 1;
+        if let Some(reason) = rings.first().and_then(|ring| ring.iter().find_map(fault)) {
+            failed = Some(reason);
             continue;
-        };
-        for part in without_crossings(polygon, repaired) {
-            match footprint(&part, plane)? {
-                Some(footprint) => footprints.push(footprint),
-                None => tiny += 1,
+        }
+        let parts = sound_rings(rings, plane, repaired).map(|polygon| without_crossings(polygon, repaired));
+        for part in parts.unwrap_or_default() {
+            match footprint(&part, plane) {
+                Ok(Some(footprint)) => footprints.push(footprint),
+                Ok(None) => failed = failed.or(Some("no area")),
+                Err(reason) => failed = Some(reason),
             }
         }
     }
-    if footprints.is_empty() {
-        return Err("no area");
-    }
-    if tiny > 0 {
-        repaired.insert("part without area dropped");
+    match (footprints.is_empty(), failed) {
+        (true, reason) => return Err(reason.unwrap_or("no area")),
+        (false, Some(_)) => _ = repaired.insert("part without sound area dropped"),
+        (false, None) => {}
     }
     Ok(footprints)
 }
 
-fn check(polygons: &[FootprintPolygon]) -> Result<(), Reason> {
-    for point in polygons.iter().flatten().flatten() {
-        if !point[0].is_finite() || !point[1].is_finite() {
-            return Err("coordinates are no numbers");
-        }
-        if point[0].abs() > 540.0 || point[1].abs() > 90.0 {
-            return Err("coordinates are not on the Earth");
-        }
+/// Why a point cannot be used.
+fn fault(point: &[f64; 2]) -> Option<Reason> {
+    if !point[0].is_finite() || !point[1].is_finite() {
+        Some("coordinates are no numbers")
+    } else if point[0].abs() > 540.0 || point[1].abs() > 90.0 {
+        Some("coordinates are not on the Earth")
+    } else {
+        None
     }
-    Ok(())
 }
 
 /// The rings in local metres, cleaned and oriented; `None` where no area is left.
 fn sound_rings(rings: &[Ring], plane: Plane, repaired: &mut BTreeSet<Reason>) -> Option<Polygon> {
     let mut sound = Vec::with_capacity(rings.len());
     for (at, ring) in rings.iter().enumerate() {
+        if at > 0 && ring.iter().any(|point| fault(point).is_some()) {
+            repaired.insert("hole with coordinates not on the Earth dropped");
+            continue;
+        }
         let mut points = local(ring, plane);
         close(&mut points, repaired);
         drop_idle(&mut points, repaired);
@@ -281,24 +288,45 @@ fn footprint(polygon: &Polygon, plane: Plane) -> Result<Option<Footprint>, Reaso
     if rings.iter().map(|ring| ring.0.len() - 1).sum::<usize>() > POINTS_MAX {
         return Err("more than 65536 points");
     }
-    let raw = polygon.earcut_triangles_raw();
-    let corner = |at: usize| Coord { x: raw.vertices[at][0], y: raw.vertices[at][1] };
-    let mut triangles = Vec::with_capacity(raw.triangle_indices.len() / 3);
-    let mut covered = 0.0;
-    for triangle in raw.triangle_indices.chunks_exact(3) {
-        let [a, b, c] = [triangle[0], triangle[1], triangle[2]];
-        let area = signed_area(&[corner(a), corner(b), corner(c)]);
-        covered += area.abs();
-        if area != 0.0 {
-            let turned = if area > 0.0 { [a, b, c] } else { [a, c, b] };
-            triangles.push(turned.map(|at| at as u16));
-        }
-    }
-    if (covered - area_m2).abs() > (1e-3 * area_m2).max(1e-2) || triangles.is_empty() {
-        return Err("cannot be triangulated");
-    }
+    let triangles = ears(polygon, area_m2).or_else(|| delaunay(polygon, area_m2)).ok_or("cannot be triangulated")?;
     let degrees = |ring: &&LineString| oriented(ring).map(|p| wrapped(plane.back(p), plane)).collect();
     Ok(Some(Footprint { rings: rings.iter().map(degrees).collect(), triangles, area_m2 }))
+}
+
+/// Ear clipping; `None` where the triangles do not cover the area.
+fn ears(polygon: &Polygon, area_m2: f64) -> Option<Vec<[u16; 3]>> {
+    let raw = polygon.earcut_triangles_raw();
+    let points: Vec<Coord> = raw.vertices.iter().map(|p| Coord { x: p[0], y: p[1] }).collect();
+    let triangles = raw.triangle_indices.chunks_exact(3).map(|triangle| [triangle[0], triangle[1], triangle[2]]);
+    covering(triangles, &points, area_m2)
+}
+
+/// Constrained Delaunay triangles: slower, and more patient with rings that touch.
+fn delaunay(polygon: &Polygon, area_m2: f64) -> Option<Vec<[u16; 3]>> {
+    let rings = std::iter::once(polygon.exterior()).chain(polygon.interiors());
+    let points: Vec<Coord> = rings.flat_map(oriented).collect();
+    let nearest = |p: Coord| {
+        let distance = |q: &Coord| (q.x - p.x).hypot(q.y - p.y);
+        (0..points.len()).min_by(|&a, &b| distance(&points[a]).total_cmp(&distance(&points[b])))
+    };
+    let triangles = polygon.constrained_triangulation(SpadeTriangulationConfig { snap_radius: 1e-6 }).ok()?;
+    let indices = triangles.iter().map(|t| Some([nearest(t.v1())?, nearest(t.v2())?, nearest(t.v3())?]));
+    covering(indices.collect::<Option<Vec<_>>>()?.into_iter(), &points, area_m2)
+}
+
+/// Turns triangles counter-clockwise; `None` where they do not cover the area.
+fn covering(triangles: impl Iterator<Item = [usize; 3]>, points: &[Coord], area_m2: f64) -> Option<Vec<[u16; 3]>> {
+    let mut turned = Vec::new();
+    let mut covered = 0.0;
+    for [a, b, c] in triangles {
+        let area = signed_area(&[points[a], points[b], points[c]]);
+        covered += area.abs();
+        if area != 0.0 {
+            turned.push(if area > 0.0 { [a, b, c] } else { [a, c, b] }.map(|at| at as u16));
+        }
+    }
+    let is_covered = (covered - area_m2).abs() <= (1e-3 * area_m2).max(1e-2);
+    (is_covered && !turned.is_empty()).then_some(turned)
 }
 
 fn oriented(ring: &LineString) -> impl Iterator<Item = Coord> + '_ {

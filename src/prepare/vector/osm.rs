@@ -5,6 +5,7 @@ use super::{FootprintPolygon, Ring};
 use crate::prepare::PrepareError;
 use crate::prepare::source::SourceFile;
 use osmpbf::{Element, ElementReader, RelMemberType};
+use std::io::Read;
 use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Tags of an element.
@@ -24,13 +25,22 @@ impl Way {
     }
 }
 
-/// A relation of type multipolygon (or boundary).
+/// A relation.
 #[derive(Clone, Debug)]
 pub struct Relation {
     pub id: i64,
+    pub kind: RelationKind,
     pub tags: Tags,
     /// Ways, and whether each bounds a hole.
     pub members: Vec<(i64, Role)>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RelationKind {
+    /// Of type multipolygon or boundary.
+    Area,
+    /// Of any other; its members are not loaded.
+    Other,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,6 +71,7 @@ pub struct Assembled {
 impl OsmFile {
     /// Loads the ways and multipolygon relations with a tag that is `wanted` (key, value).
     pub fn load(file: &SourceFile, wanted: &(dyn Fn(&str, &str) -> bool + Sync)) -> Result<Self, PrepareError> {
+        check_header(file)?;
         let mut relations = pass(file, |element| match element {
             Element::Relation(relation) => relation_of(&relation, wanted).into_iter().collect(),
             _ => Vec::new(),
@@ -122,6 +133,16 @@ impl OsmFile {
     }
 }
 
+/// The reader takes a file too short for a block for an empty one.
+fn check_header(file: &SourceFile) -> Result<(), PrepareError> {
+    let mut start = Vec::new();
+    let read = file.open()?.take(32).read_to_end(&mut start);
+    match read {
+        Ok(_) if start.windows(9).any(|window| window == b"OSMHeader") => Ok(()),
+        _ => Err(PrepareError::damaged(file, "its header", "it must be OpenStreetMap PBF")),
+    }
+}
+
 /// One pass over the file, blocks in parallel; results in no particular order.
 fn pass<T: Send>(file: &SourceFile, map: impl Fn(Element) -> Vec<T> + Sync + Send) -> Result<Vec<T>, PrepareError> {
     ElementReader::new(file.open()?)
@@ -141,8 +162,12 @@ fn own<'a>(tags: impl Iterator<Item = (&'a str, &'a str)>) -> Tags {
 
 fn relation_of(relation: &osmpbf::Relation, wanted: &(dyn Fn(&str, &str) -> bool + Sync)) -> Option<Relation> {
     let is_area = relation.tags().any(|(k, v)| k == "type" && matches!(v, "multipolygon" | "boundary"));
-    if !is_area || !relation.tags().any(|(k, v)| wanted(k, v)) {
+    if !relation.tags().any(|(k, v)| wanted(k, v)) {
         return None;
+    }
+    if !is_area {
+        let (id, tags) = (relation.id(), own(relation.tags()));
+        return Some(Relation { id, kind: RelationKind::Other, tags, members: Vec::new() });
     }
     let members = relation
         .members()
@@ -152,7 +177,7 @@ fn relation_of(relation: &osmpbf::Relation, wanted: &(dyn Fn(&str, &str) -> bool
             (member.member_id, role)
         })
         .collect();
-    Some(Relation { id: relation.id(), tags: own(relation.tags()), members })
+    Some(Relation { id: relation.id(), kind: RelationKind::Area, tags: own(relation.tags()), members })
 }
 
 /// Joins lines of nodes end to end into closed rings; also how many lines stay open.

@@ -3,7 +3,7 @@
 //! Where an outline has parts (OSM wiki, *Simple 3D Buildings*), the parts stand for it. An outline whose parts cover
 //! less than half of it is kept beside them, for unfinished mapping must not tear holes into a city.
 
-use super::osm::{Assembled, OsmFile, Tags, Way, area, contains};
+use super::osm::{Assembled, OsmFile, RelationKind, Tags, Way, area, contains};
 use super::{Feature, FootprintPolygon, ReadSummary, Visit};
 use crate::prepare::PrepareError;
 use crate::prepare::source::SourceFile;
@@ -13,16 +13,25 @@ use std::sync::Arc;
 /// What an extract holds.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct OsmBuildingCounts {
-    /// Ways and multipolygons with `building`.
+    /// Ways and relations with `building`.
     pub buildings: u64,
-    /// Ways and multipolygons with `building:part`.
+    /// Ways and relations with `building:part`.
     pub parts: u64,
-    /// Buildings with `height`.
+    /// Buildings and parts with `height`.
     pub with_height: u64,
-    /// Buildings with `building:levels`.
+    /// Buildings and parts with `building:levels`.
     pub with_levels: u64,
     /// Outlines for which their parts stand.
     pub replaced: u64,
+}
+
+impl OsmBuildingCounts {
+    fn add(&mut self, tags: &Tags) {
+        self.buildings += u64::from(is(tags, "building"));
+        self.parts += u64::from(is(tags, "building:part"));
+        self.with_height += u64::from(tags.contains_key("height"));
+        self.with_levels += u64::from(tags.contains_key("building:levels"));
+    }
 }
 
 /// What a part takes from its outline where it says nothing itself.
@@ -40,14 +49,8 @@ pub fn read(file: &SourceFile, visit: &mut Visit) -> Result<ReadSummary, Prepare
     let mut summary = ReadSummary::default();
     let mut counts = OsmBuildingCounts::default();
     let (mut outlines, mut parts) = (Vec::new(), Vec::new());
-    for candidate in candidates(&osm, &mut summary.kept_back) {
-        if is(&candidate.tags, "building") {
-            counts.buildings += 1;
-            counts.with_height += u64::from(candidate.tags.contains_key("height"));
-            counts.with_levels += u64::from(candidate.tags.contains_key("building:levels"));
-        }
+    for candidate in candidates(&osm, &mut counts, &mut summary.kept_back) {
         if is(&candidate.tags, "building:part") {
-            counts.parts += 1;
             parts.push(candidate);
         } else {
             outlines.push(candidate);
@@ -83,7 +86,7 @@ fn feature(candidate: Candidate, ground: Option<Arc<Vec<[f64; 2]>>>, number: u64
 }
 
 /// All areas that are buildings or parts, ways first.
-fn candidates(osm: &OsmFile, kept_back: &mut BTreeMap<String, u64>) -> Vec<Candidate> {
+fn candidates(osm: &OsmFile, counts: &mut OsmBuildingCounts, kept_back: &mut BTreeMap<String, u64>) -> Vec<Candidate> {
     let mut keep_back = |reason: &str| *kept_back.entry(reason.to_owned()).or_default() += 1;
     let mut found = Vec::new();
     // A ring that carries its relation's tag as well is one building, not two.
@@ -92,6 +95,7 @@ fn candidates(osm: &OsmFile, kept_back: &mut BTreeMap<String, u64>) -> Vec<Candi
         if !is(&way.tags, "building") && !is(&way.tags, "building:part") || doubles_relation(osm, way, &rings_of_relations) {
             continue;
         }
+        counts.add(&way.tags);
         if !way.is_closed() {
             keep_back("way is not closed");
         } else if is_underground(&way.tags) {
@@ -102,6 +106,11 @@ fn candidates(osm: &OsmFile, kept_back: &mut BTreeMap<String, u64>) -> Vec<Candi
         }
     }
     for relation in &osm.relations {
+        counts.add(&relation.tags);
+        if relation.kind == RelationKind::Other {
+            keep_back("relation is no multipolygon");
+            continue;
+        }
         let Assembled { polygons, broken } = osm.assemble(relation);
         if polygons.is_empty() {
             keep_back("multipolygon without a closed ring");
