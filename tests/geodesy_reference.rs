@@ -32,7 +32,8 @@ fn cct(operation: &[&str], input: &str) -> Option<Vec<Vec<f64>>> {
     };
     let mut stdin = child.stdin.take().expect("it is piped");
     let input = input.to_owned();
-    let writer = std::thread::spawn(move || stdin.write_all(input.as_bytes()));
+    let write = move || stdin.write_all(input.as_bytes());
+    let writer = std::thread::Builder::new().name("cct-input".to_owned()).spawn(write).expect("a thread starts");
     let output = child.wait_with_output().expect("cct ends");
     writer.join().expect("the writer does not panic").expect("cct reads its input");
     Some(numbers(&String::from_utf8(output.stdout).expect("cct prints text")))
