@@ -18,51 +18,79 @@ const SOUTH: u8 = 4;
 const NORTH: u8 = 8;
 /// Marks the lower edge of a skirt in [`TerrainVertex`].
 const LOWER_EDGE: i8 = 127;
+/// Distance from the axis within which a post stands at the pole.
+const AT_POLE_M: f64 = 1e-6;
 
 pub(super) fn cut(page: &TerrainPage, piece: CellId) -> TerrainMesh {
+    let center = piece.bounds().center();
+    let height_m = page.surface_height_m(center.lat_rad, center.lon_rad, 1.0).unwrap_or(0.0);
+    let origin = center.at_height(height_m).to_ecef();
     let window = Window::of(page.cell, piece);
-    let bounds = page.cell.bounds();
-    let mut corners: Vec<Option<Corner>> = vec![None; page.posts.len()];
-    let mut polygons = Vec::new();
-    if page.cell.contains(piece) {
-        visit(page, &window, &mut |posts| {
-            let mut polygon = Vec::with_capacity(8);
-            for post in posts {
-                let Some(index) = page.index_of(post) else { return };
-                polygon.push(*corners[index].get_or_insert_with(|| Corner::of(page, &bounds, index)));
-            }
-            // A row of posts at a pole is one point, and a triangle with two corners there has no area.
-            if polygon.iter().filter(|corner| corner.at_pole).count() > 1 {
-                return;
-            }
-            let polygon = window.clip(polygon);
-            if polygon.len() >= 3 {
-                polygons.push(polygon);
-            }
-        });
+    let mut cutter = Cutter {
+        page,
+        bounds: page.cell.bounds(),
+        corners: vec![None; page.posts.len()],
+        welder: Welder::new(origin.xyz(), &window, page.posts.len()),
+        surface: Vec::new(),
+        rim: Vec::new(),
+    };
+    if page.cell == piece {
+        page.triangles.iter().for_each(|triangle| cutter.triangle(triangle.map(usize::from)));
+    } else if page.cell.contains(piece) {
+        visit(page, &window, &mut |triangle| cutter.triangle(triangle));
     }
-    let (low_m, high_m) = polygons
-        .iter()
-        .flatten()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(c.height_m), high.max(c.height_m)));
-    let middle_m = if low_m <= high_m { (low_m + high_m) / 2.0 } else { 0.0 };
-    let origin = piece.bounds().center().at_height(middle_m).to_ecef();
-    let mut welder = Welder { origin: origin.xyz(), window: &window, known: HashMap::new(), mesh: Vec::new() };
-    let (mut surface, mut rim) = (Vec::new(), Vec::new());
-    for polygon in &polygons {
-        let indices: Vec<u32> = polygon.iter().map(|corner| welder.index_of(corner)).collect();
-        fan(&indices, &mut surface);
-        for (at, corner) in polygon.iter().enumerate() {
-            let next = (at + 1) % polygon.len();
-            if corner.sides & polygon[next].sides != 0 && indices[at] != indices[next] {
-                rim.push([indices[at], indices[next]]);
+    let surface_len = cutter.surface.len() as u32;
+    let (mut vertices, mut indices) = (cutter.welder.mesh, cutter.surface);
+    skirts(&cutter.rim, &mut vertices, &mut indices);
+    TerrainMesh { origin, vertices, indices, surface_len }
+}
+
+struct Cutter<'a> {
+    page: &'a TerrainPage,
+    bounds: GeoBounds,
+    corners: Vec<Option<Corner>>,
+    welder: Welder<'a>,
+    surface: Vec<u32>,
+    /// Edges on the sides of the piece; the surface lies left of them.
+    rim: Vec<[u32; 2]>,
+}
+
+impl Cutter<'_> {
+    /// Adds what lies in the window of a triangle, given by indices of posts.
+    fn triangle(&mut self, indices: [usize; 3]) {
+        let window = self.welder.window;
+        let triangle = indices.map(|index| {
+            *self.corners[index].get_or_insert_with(|| Corner::of(self.page, &self.bounds, index, window))
+        });
+        // A row of posts at a pole is one point, and a triangle with two corners there has no area.
+        if triangle.iter().filter(|corner| corner.at_pole).count() > 1 {
+            return;
+        }
+        if triangle.iter().all(|corner| window.holds(corner)) {
+            self.polygon(&triangle);
+        } else {
+            self.polygon(&window.clip(triangle.to_vec()));
+        }
+    }
+
+    fn polygon(&mut self, polygon: &[Corner]) {
+        if polygon.len() < 3 {
+            return;
+        }
+        // Four cuts add a corner each at most.
+        let mut indices = [0; 8];
+        let count = polygon.len().min(indices.len());
+        for (index, corner) in indices.iter_mut().zip(polygon) {
+            *index = self.welder.index_of(corner);
+        }
+        fan(&indices[..count], &mut self.surface);
+        for at in 0..count {
+            let next = (at + 1) % count;
+            if polygon[at].sides & polygon[next].sides != 0 && indices[at] != indices[next] {
+                self.rim.push([indices[at], indices[next]]);
             }
         }
     }
-    let surface_len = surface.len() as u32;
-    let (mut vertices, mut indices) = (welder.mesh, surface);
-    skirts(&rim, &mut vertices, &mut indices);
-    TerrainMesh { origin, vertices, indices, surface_len }
 }
 
 /// A post or a point of the cut.
@@ -71,26 +99,29 @@ struct Corner {
     position: DVec3,
     /// Column and row, in intervals of the page.
     grid: DVec2,
-    height_m: f64,
     morph_m: f64,
     slope: DVec2,
+    /// Index of the post; `None` for a point of the cut.
+    post: Option<usize>,
     /// The sides of the window that it lies on.
     sides: u8,
     at_pole: bool,
 }
 
 impl Corner {
-    fn of(page: &TerrainPage, bounds: &GeoBounds, index: usize) -> Self {
+    fn of(page: &TerrainPage, bounds: &GeoBounds, index: usize, window: &Window) -> Self {
         let post = &page.posts[index];
         let position = page.position(bounds, index, 1.0);
+        let grid = DVec2::new(f64::from(post.column), f64::from(post.row));
+        let at_pole = position.truncate().length() < AT_POLE_M;
         Self {
             position,
-            grid: DVec2::new(f64::from(post.column), f64::from(post.row)),
-            height_m: f64::from(post.height_m),
+            grid,
             morph_m: f64::from(post.parent_height_m) - f64::from(post.height_m),
             slope: DVec2::new(f64::from(post.slope[0]), f64::from(post.slope[1])),
-            sides: 0,
-            at_pole: position.truncate().length() < 1e-6,
+            post: Some(index),
+            sides: window.sides_of(grid, at_pole),
+            at_pole,
         }
     }
 
@@ -104,9 +135,9 @@ impl Corner {
         Self {
             position: a.position.lerp(b.position, t),
             grid: a.grid.lerp(b.grid, t),
-            height_m: a.height_m + (b.height_m - a.height_m) * t,
             morph_m: a.morph_m + (b.morph_m - a.morph_m) * t,
             slope: a.slope.lerp(b.slope, t),
+            post: None,
             sides: a.sides & b.sides,
             at_pole: false,
         }
@@ -146,6 +177,20 @@ impl Window {
         let p = posts.map(|(column, row)| DVec2::new(f64::from(column), f64::from(row)));
         let (low, high) = (p[0].min(p[1]).min(p[2]), p[0].max(p[1]).max(p[2]));
         low.cmplt(self.high).all() && high.cmpgt(self.low).all()
+    }
+
+    /// Whether a post's corner lies inside; all meridians go through the pole.
+    fn holds(&self, corner: &Corner) -> bool {
+        let (inside_low, inside_high) = (corner.grid.cmpge(self.low), corner.grid.cmple(self.high));
+        inside_low.y && inside_high.y && (corner.at_pole || (inside_low.x && inside_high.x))
+    }
+
+    fn sides_of(&self, grid: DVec2, at_pole: bool) -> u8 {
+        let on = |is_on: bool, side: u8| if is_on { side } else { 0 };
+        on(at_pole || grid.x == self.low.x, WEST)
+            | on(at_pole || grid.x == self.high.x, EAST)
+            | on(grid.y == self.low.y, SOUTH)
+            | on(grid.y == self.high.y, NORTH)
     }
 
     /// Cuts a convex polygon (Sutherland, Hodgman 1974).
@@ -204,8 +249,8 @@ fn keep(
     kept
 }
 
-/// The network's triangles that meet a window.
-fn visit(page: &TerrainPage, window: &Window, visit: &mut dyn FnMut([Post; 3])) {
+/// The network's triangles that meet a window, as indices of posts.
+fn visit(page: &TerrainPage, window: &Window, visit: &mut dyn FnMut([usize; 3])) {
     let mut stack = vec![Triangle::ROOTS[1], Triangle::ROOTS[0]];
     while let Some(triangle) = stack.pop() {
         let posts = triangle.vertices(page.diagonal);
@@ -213,31 +258,61 @@ fn visit(page: &TerrainPage, window: &Window, visit: &mut dyn FnMut([Post; 3])) 
             continue;
         }
         let is_split = triangle.split_post(page.diagonal).is_some_and(|post| page.index_of(post).is_some());
-        match triangle.children() {
-            Some([first, second]) if is_split => stack.extend([second, first]),
-            _ => visit(posts),
+        match (triangle.children(), posts.map(|post| page.index_of(post))) {
+            (Some([first, second]), _) if is_split => stack.extend([second, first]),
+            (_, [Some(a), Some(b), Some(c)]) => visit([a, b, c]),
+            _ => {}
         }
     }
 }
+
+const UNUSED: u32 = u32::MAX;
 
 /// Gives one index to corners at one place.
 struct Welder<'a> {
     origin: DVec3,
     window: &'a Window,
-    known: HashMap<([u32; 3], [u16; 2]), u32>,
+    /// Vertex of each post.
+    posts: Vec<u32>,
+    /// Vertices of points of the cut.
+    points: HashMap<([u32; 3], [u16; 2]), u32>,
     mesh: Vec<TerrainVertex>,
 }
 
-impl Welder<'_> {
+impl<'a> Welder<'a> {
+    fn new(origin: DVec3, window: &'a Window, posts: usize) -> Self {
+        Self { origin, window, posts: vec![UNUSED; posts], points: HashMap::new(), mesh: Vec::new() }
+    }
+
     fn index_of(&mut self, corner: &Corner) -> u32 {
+        let next = self.mesh.len() as u32;
+        let known = corner.post.map(|post| self.posts[post]).filter(|&vertex| vertex != UNUSED);
+        if let Some(vertex) = known {
+            return vertex;
+        }
+        let vertex = self.vertex(corner);
+        let index = match corner.post {
+            Some(post) => {
+                self.posts[post] = next;
+                next
+            }
+            None => *self.points.entry((vertex.position_m.map(f32::to_bits), vertex.uv)).or_insert(next),
+        };
+        if index == next {
+            self.mesh.push(vertex);
+        }
+        index
+    }
+
+    fn vertex(&self, corner: &Corner) -> TerrainVertex {
         let position_m = (corner.position - self.origin).as_vec3().to_array();
-        let uv = self.window.uv(corner);
         let slope = corner.slope.to_array().map(|s| s.round().clamp(-127.0, 127.0) as i8);
-        *self.known.entry((position_m.map(f32::to_bits), uv)).or_insert_with(|| {
-            let morph_m = corner.morph_m as f32;
-            self.mesh.push(TerrainVertex { position_m, morph_m, uv, slope_skirt: [slope[0], slope[1], 0, 0] });
-            self.mesh.len() as u32 - 1
-        })
+        TerrainVertex {
+            position_m,
+            morph_m: corner.morph_m as f32,
+            uv: self.window.uv(corner),
+            slope_skirt: [slope[0], slope[1], 0, 0],
+        }
     }
 }
 
