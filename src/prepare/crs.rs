@@ -36,7 +36,10 @@ impl Crs {
     /// Checks that PROJ knows the system; `file` is for the message.
     pub fn new(definition: &str, file: &str) -> Result<Self, PrepareError> {
         let definition = definition.trim();
-        if matches!(definition.to_ascii_uppercase().as_str(), "EPSG:4326" | "EPSG:4979" | "OGC:CRS84" | "CRS84" | "WGS84") {
+        if matches!(
+            definition.to_ascii_uppercase().as_str(),
+            "EPSG:4326" | "EPSG:4979" | "OGC:CRS84" | "CRS84" | "WGS84"
+        ) {
             return Ok(Self::wgs84());
         }
         transforms(definition).map_err(|e| PrepareError::UnknownCrs {
@@ -189,7 +192,13 @@ impl Affine {
 #[derive(Debug)]
 pub enum Placement {
     /// Rows along parallels, columns along meridians.
-    Geographic { west_deg: f64, lon_step_deg: f64, first_lat_deg: f64, lat_step_deg: f64, cols: f64 },
+    Geographic {
+        west_deg: f64,
+        lon_step_deg: f64,
+        first_lat_deg: f64,
+        lat_step_deg: f64,
+        cols: f64,
+    },
     Warped(Box<Warp>),
 }
 
@@ -334,10 +343,9 @@ impl Warp {
             [tolerance / cos.max(0.2), tolerance]
         };
         let forward = ControlGrid::fit(low_deg, high_deg, [CONTROL_TOLERANCE; 2], &|x, y| warp.exact_locate(x, y));
-        let inverse =
-            ControlGrid::fit([-1.0, -1.0], [last_col + 1.0, last_row + 1.0], tolerance_deg, &|col, row| {
-                Some(relative(place_in(&warp, col, row)?))
-            });
+        let inverse = ControlGrid::fit([-1.0, -1.0], [last_col + 1.0, last_row + 1.0], tolerance_deg, &|col, row| {
+            Some(relative(place_in(&warp, col, row)?))
+        });
         (warp.forward, warp.inverse) = (forward, inverse);
         Ok(warp)
     }
@@ -375,7 +383,8 @@ impl Warp {
         if self.high_deg[1] >= 90.0 || self.low_deg[1] <= -90.0 {
             return self.whole_bounds();
         }
-        let (mut west, mut south, mut east, mut north) = (f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY);
+        let (mut west, mut south, mut east, mut north) =
+            (f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY);
         const STEPS: u32 = 32;
         for i in 0..=STEPS {
             for j in 0..=STEPS {
@@ -459,9 +468,11 @@ mod tests {
     /// Control grids against PROJ itself at places between their nodes, UTM at its zone's edge included.
     #[test]
     fn control_grids_keep_their_tolerance() {
-        for (crs, x, y, step) in
-            [("EPSG:32631", 200_000.0, 6_500_000.0, 10.0), ("EPSG:3857", -13_630_156.0, 4_553_034.0, 6.0), ("EPSG:2056", 2_600_000.0, 1_200_000.0, 0.5)]
-        {
+        for (crs, x, y, step) in [
+            ("EPSG:32631", 200_000.0, 6_500_000.0, 10.0),
+            ("EPSG:3857", -13_630_156.0, 4_553_034.0, 6.0),
+            ("EPSG:2056", 2_600_000.0, 1_200_000.0, 0.5),
+        ] {
             let affine = Affine { a: step, b: 0.0, c: x, d: 0.0, e: -step, f: y };
             let placement = Placement::new(Crs::new(crs, "t").expect("known"), affine, 4000, 3000, "t").expect("sound");
             let Placement::Warped(warp) = &placement else { panic!("warped") };

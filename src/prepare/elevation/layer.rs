@@ -1,10 +1,10 @@
 //! One lattice of posts as a part of the composite.
 
 use super::RefineGoals;
-use crate::geodesy::GeoBounds;
+use crate::geodesy::{GeoBounds, VerticalDatum};
 use crate::prepare::raster::blocks::BlockCache;
 use crate::prepare::raster::grid::{Cursor, HeightGrid, Place, Span};
-use crate::prepare::recipe::{DEFAULT_PRUNE_ERROR_M, ElevationSection, VerticalDatum};
+use crate::prepare::recipe::{DEFAULT_PRUNE_ERROR_M, ElevationSection};
 
 /// A grid, and how it takes part.
 pub struct Layer {
@@ -145,7 +145,7 @@ impl Layer {
         visit: &mut dyn FnMut(f64, f64, OwnPost),
     ) {
         for index in span.cols.clone() {
-            let col = self.grid.column(index);
+            let col = index as u32;
             let Some(post) = cursor.post(row, col) else { continue };
             let Some((lat_rad, lon_rad)) = self.grid.post_in(bounds, span, row, index) else { continue };
             let place = Place { row: f64::from(row), col: f64::from(col) };

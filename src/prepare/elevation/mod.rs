@@ -67,7 +67,12 @@ impl Elevation {
     /// `root`: what the recipe's paths are relative to ([`Recipe::root`] by default); at most `memory` bytes of
     /// decoded posts are kept (one block a thread more while they are in use; a block is a strip or tile of a TIFF,
     /// a whole .hgt, a whole netCDF variable).
-    pub fn open(recipe: &Recipe, root: &Path, memory: ByteSize, progress: OnProgress<'_>) -> Result<Self, PrepareError> {
+    pub fn open(
+        recipe: &Recipe,
+        root: &Path,
+        memory: ByteSize,
+        progress: OnProgress<'_>,
+    ) -> Result<Self, PrepareError> {
         let mut cache = BlockCache::new(memory.0);
         let (mut layers, mut stats, mut infos) = (Vec::new(), Vec::new(), Vec::new());
         for (index, section) in recipe.elevation.iter().enumerate() {
@@ -147,12 +152,14 @@ impl Elevation {
                 let coverage = |other: &&Layer| other.coverage(&self.cache, lat_rad, lon_rad);
                 finer.iter().map(coverage).max().unwrap_or(Coverage::None)
             };
-            layer.for_each_post(&self.cache, bounds, &mut |lat_rad, lon_rad, own| {
-                match if finer.is_empty() { Coverage::None } else { hidden(lat_rad, lon_rad) } {
-                    Coverage::Whole => {}
-                    Coverage::None if own.alone => visit(lat_rad, lon_rad, own.height_m),
-                    _ => visit(lat_rad, lon_rad, self.height_m(lat_rad, lon_rad)),
-                }
+            layer.for_each_post(&self.cache, bounds, &mut |lat_rad, lon_rad, own| match if finer.is_empty() {
+                Coverage::None
+            } else {
+                hidden(lat_rad, lon_rad)
+            } {
+                Coverage::Whole => {}
+                Coverage::None if own.alone => visit(lat_rad, lon_rad, own.height_m),
+                _ => visit(lat_rad, lon_rad, self.height_m(lat_rad, lon_rad)),
             });
         }
     }

@@ -68,12 +68,7 @@ impl BlockLayout {
     pub fn extent(&self, block: u32) -> BlockExtent {
         let (row, col) =
             (block / self.blocks_across() * self.block_rows, block % self.blocks_across() * self.block_cols);
-        BlockExtent {
-            row,
-            col,
-            rows: self.block_rows.min(self.rows - row),
-            cols: self.block_cols.min(self.cols - col),
-        }
+        BlockExtent { row, col, rows: self.block_rows.min(self.rows - row), cols: self.block_cols.min(self.cols - col) }
     }
 }
 

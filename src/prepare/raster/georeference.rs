@@ -1,7 +1,7 @@
 //! Where a GeoTIFF says that it lies (OGC GeoTIFF 1.1, 19-008r4, annexes B and C).
 
-use crate::prepare::crs::{Affine, Crs};
 use crate::prepare::PrepareError;
+use crate::prepare::crs::{Affine, Crs};
 
 /// The tags that place a GeoTIFF, as they are in the file.
 #[derive(Clone, Debug, Default)]
@@ -105,11 +105,7 @@ impl GeoTags {
 }
 
 fn unknown(file: &str, what: &str) -> PrepareError {
-    PrepareError::UnknownCrs {
-        file: file.to_owned(),
-        crs: what.to_owned(),
-        what: "it has no EPSG code".to_owned(),
-    }
+    PrepareError::UnknownCrs { file: file.to_owned(), crs: what.to_owned(), what: "it has no EPSG code".to_owned() }
 }
 
 #[cfg(test)]

@@ -101,11 +101,20 @@ impl GeoTiff {
         };
         let extent = self.layout.extent(index % self.layout.blocks());
         let samples = decoder.read_chunk(index).map_err(|e| {
-            let place = format!("rows {} to {}, columns {} to {}", extent.row, extent.row + extent.rows - 1, extent.col, extent.col + extent.cols - 1);
+            let place = format!(
+                "rows {} to {}, columns {} to {}",
+                extent.row,
+                extent.row + extent.rows - 1,
+                extent.col,
+                extent.col + extent.cols - 1
+            );
             match e {
-                TiffError::UnsupportedError(what) => {
-                    PrepareError::unsupported(&self.file, place, what, "convert it with gdal_translate -co COMPRESS=DEFLATE")
-                }
+                TiffError::UnsupportedError(what) => PrepareError::unsupported(
+                    &self.file,
+                    place,
+                    what,
+                    "convert it with gdal_translate -co COMPRESS=DEFLATE",
+                ),
                 other => PrepareError::damaged(&self.file, place, other),
             }
         })?;

@@ -108,9 +108,7 @@ impl HeightGrid {
         self.missing = (0..tile_at.len())
             .filter(|&i| tile_at[i].is_none())
             .map(|i| (i / across, i % across))
-            .map(|(r, c)| {
-                [self.row_starts[r], self.col_starts[c], self.row_starts[r + 1], self.col_starts[c + 1]]
-            })
+            .map(|(r, c)| [self.row_starts[r], self.col_starts[c], self.row_starts[r + 1], self.col_starts[c + 1]])
             .collect();
         self.tile_at = tile_at;
     }
@@ -204,7 +202,8 @@ impl HeightGrid {
             let low_row = if row == 0 && self.to_pole.0 { -1.01 } else { f64::from(row) };
             let end = row + rows;
             let high_row = if end == self.rows && self.to_pole.1 { f64::from(end) + 0.01 } else { f64::from(end - 1) };
-            let last_col = if self.wraps && cols >= self.cols { f64::from(self.cols) } else { f64::from(col + cols - 1) };
+            let last_col =
+                if self.wraps && cols >= self.cols { f64::from(self.cols) } else { f64::from(col + cols - 1) };
             self.placement.bounds((f64::from(col), low_row), (last_col, high_row))
         };
         if self.missing.is_empty() {
@@ -213,8 +212,8 @@ impl HeightGrid {
         self.tiles.iter().flat_map(|t| one(t.row, t.col, t.layout.rows, t.layout.cols)).collect()
     }
 
-    /// Half-open ranges of rows, and inclusive range of columns (before wrapping; may be below 0 or above the last)
-    /// with the longitude of column 0 in the frame of the bounds, that hold every post in the bounds.
+    /// Rows and columns that hold every post in the bounds: once for each turn round the Earth that meets them, so that
+    /// the first column of a grid that wraps counts on both sides of its seam.
     pub fn spans(&self, bounds: &GeoBounds) -> Vec<Span> {
         match &self.placement {
             Placement::Geographic { west_deg, lon_step_deg, first_lat_deg, lat_step_deg, .. } => {
@@ -225,9 +224,12 @@ impl HeightGrid {
                     .iter()
                     .filter_map(|turn| {
                         let col = |lon_rad: f64| (lon_rad.to_degrees() + turn - west_deg) / lon_step_deg;
-                        let cols =
-                            inclusive(col(bounds.west_rad), col(bounds.east_rad), 0, i64::from(self.cols) - i64::from(!self.wraps));
-                        (!cols.is_empty() && !rows.is_empty()).then(|| Span { rows: rows.clone(), cols, turn_deg: *turn })
+                        let cols = inclusive(col(bounds.west_rad), col(bounds.east_rad), 0, i64::from(self.cols) - 1);
+                        (!cols.is_empty() && !rows.is_empty()).then(|| Span {
+                            rows: rows.clone(),
+                            cols,
+                            turn_deg: *turn,
+                        })
                     })
                     .collect()
             }
@@ -274,11 +276,6 @@ impl HeightGrid {
                 bounds.contains(lat_rad, lon_rad).then_some((lat_rad, lon_rad))
             }
         }
-    }
-
-    /// Column of a span's index: those beyond the last wrap.
-    pub fn column(&self, index: i64) -> u32 {
-        index.rem_euclid(i64::from(self.cols)) as u32
     }
 }
 
@@ -334,6 +331,12 @@ impl<'a> Cursor<'a> {
         let index = r / tile.layout.block_rows * tile.layout.blocks_across() + c / tile.layout.block_cols;
         let extent = tile.layout.extent(index);
         let block = self.cache.get(tile.first_slot + index)?;
-        Some(Held { row: tile.row + extent.row, col: tile.col + extent.col, rows: extent.rows, cols: extent.cols, block })
+        Some(Held {
+            row: tile.row + extent.row,
+            col: tile.col + extent.col,
+            rows: extent.rows,
+            cols: extent.cols,
+            block,
+        })
     }
 }

@@ -27,7 +27,8 @@ impl Hgt {
         })?;
         let bytes = file.bytes()?;
         let side = SIDES.into_iter().find(|&s| u64::from(s * s) * 2 == bytes).ok_or_else(|| {
-            let what = format!("{bytes} bytes are neither {} (3″) nor {} (1″)", side_bytes(SIDES[0]), side_bytes(SIDES[1]));
+            let what =
+                format!("{bytes} bytes are neither {} (3″) nor {} (1″)", side_bytes(SIDES[0]), side_bytes(SIDES[1]));
             PrepareError::damaged(file, "its length", what)
         })?;
         let step = 1.0 / f64::from(side - 1);

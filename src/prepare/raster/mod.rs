@@ -8,3 +8,5 @@ pub mod hgt;
 pub mod netcdf;
 pub mod picture;
 pub mod samples;
+#[cfg(test)]
+pub mod test_files;

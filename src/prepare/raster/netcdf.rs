@@ -38,7 +38,12 @@ impl NetCdf {
         let (lon0, lon_step, cols) = axis(file, &mut reader, &axes[1])?;
         if lat0.abs() > 90.0 + 1e-6 {
             let what = format!("axis {} starts at {lat0}: it is no latitude", axes[0]);
-            return Err(PrepareError::value(file, format!("variable {name}"), what, "give `layer`, a variable over (lat, lon)"));
+            return Err(PrepareError::value(
+                file,
+                format!("variable {name}"),
+                what,
+                "give `layer`, a variable over (lat, lon)",
+            ));
         }
         let affine = Affine { a: lon_step, b: 0.0, c: lon0, d: 0.0, e: lat_step, f: lat0 };
         Ok(Self { file: file.clone(), conditions, variable: name, rows, cols, scale, offset, affine })
@@ -52,9 +57,8 @@ impl BlockReader for NetCdf {
 
     fn read(&self, _block: u32) -> Result<Block, PrepareError> {
         let place = format!("variable {}", self.variable);
-        let samples = reader(&self.file)?
-            .read_var(&self.variable)
-            .map_err(|e| PrepareError::damaged(&self.file, &place, e))?;
+        let samples =
+            reader(&self.file)?.read_var(&self.variable).map_err(|e| PrepareError::damaged(&self.file, &place, e))?;
         let plain = self.scale == 1.0 && self.offset == 0.0;
         let nodata = self.conditions.nodata;
         // nodata is a raw value, heights are scaled.
@@ -90,7 +94,9 @@ fn reader(file: &SourceFile) -> Result<FileReader, PrepareError> {
 fn pick<'a>(file: &SourceFile, data: &'a DataSet, layer: Option<&str>) -> Result<&'a Variable, PrepareError> {
     let found = match layer {
         Some(name) => data.get_var(name).filter(|v| v.num_dims() == 2),
-        None => data.get_vars().into_iter().find(|v| v.num_dims() == 2 && v.dim_names().iter().all(|d| data.has_var(d))),
+        None => {
+            data.get_vars().into_iter().find(|v| v.num_dims() == 2 && v.dim_names().iter().all(|d| data.has_var(d)))
+        }
     };
     found.ok_or_else(|| {
         let names = data.get_var_names().join(", ");

@@ -233,16 +233,29 @@ impl Bands {
             ColorType::RGB(8 | 16) => plain([0, 1, 2], None, false),
             ColorType::RGBA(8 | 16) => plain([0, 1, 2], Some(3), false),
             ColorType::YCbCr(8) => plain([0, 1, 2], None, true),
-            ColorType::Multiband { bit_depth: 8 | 16, num_samples } if num_samples >= 3 => plain([0, 1, 2], None, false),
+            ColorType::Multiband { bit_depth: 8 | 16, num_samples } if num_samples >= 3 => {
+                plain([0, 1, 2], None, false)
+            }
             ColorType::Multiband { bit_depth: 8 | 16, .. } => plain([0; 3], None, false),
             other => {
                 let what = format!("a picture of kind {other:?}");
-                Err(PrepareError::unsupported(tiff.file(), "header", what, "convert it with gdal_translate -expand rgb -ot Byte"))
+                Err(PrepareError::unsupported(
+                    tiff.file(),
+                    "header",
+                    what,
+                    "convert it with gdal_translate -expand rgb -ot Byte",
+                ))
             }
         }
     }
 
-    fn read_block(&self, tiff: &GeoTiff, block: u32, nodata: Option<f64>, level: &mut Level) -> Result<(), PrepareError> {
+    fn read_block(
+        &self,
+        tiff: &GeoTiff,
+        block: u32,
+        nodata: Option<f64>,
+        level: &mut Level,
+    ) -> Result<(), PrepareError> {
         let extent = tiff.layout.extent(block);
         let pixels = (extent.rows * extent.cols) as usize;
         // Bands interleaved, or each from its own plane.
@@ -277,7 +290,9 @@ fn bytes(tiff: &GeoTiff, samples: DecodingResult) -> Result<Vec<u8>, PrepareErro
     match samples {
         DecodingResult::U8(v) => Ok(v),
         DecodingResult::U16(v) => Ok(v.into_iter().map(|s| (s >> 8) as u8).collect()),
-        _ => Err(PrepareError::unsupported(tiff.file(), "samples", "this kind of picture samples", "convert it to Byte")),
+        _ => {
+            Err(PrepareError::unsupported(tiff.file(), "samples", "this kind of picture samples", "convert it to Byte"))
+        }
     }
 }
 

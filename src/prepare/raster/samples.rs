@@ -58,7 +58,12 @@ impl SampleKind {
         match nodata.filter(|&value| !self.can_be(value)) {
             Some(value) => {
                 let what = format!("nodata = {value} cannot occur in samples of {}", self.name);
-                Err(PrepareError::value(file, "samples", what, "give the value that the file really has, or leave `nodata` out"))
+                Err(PrepareError::value(
+                    file,
+                    "samples",
+                    what,
+                    "give the value that the file really has, or leave `nodata` out",
+                ))
             }
             None => Ok(()),
         }
