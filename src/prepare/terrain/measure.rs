@@ -2,12 +2,12 @@
 //! Errors). The plane of a triangle between ellipsoid positions of posts is cut with the normal of the ellipsoid at
 //! each sample.
 
-use super::truth::{HALVES, Sample, Samples, is_rising, post_index};
+use super::truth::{HALVES, Meridians, Sample, Samples, is_rising, post_index};
 use crate::content::rtin::{Active, DEPTH, Diagonal, TRIANGLE_COUNT, Triangle};
-use crate::content::{POSTS, Surface};
+use crate::content::{POSTS, Surface, TerrainPage};
 use crate::forest::CellId;
 use glam::DVec3;
-use std::sync::LazyLock;
+use std::sync::{LazyLock, OnceLock};
 
 const SIDE: usize = POSTS - 1;
 
@@ -36,43 +36,72 @@ fn finest(diagonal: Diagonal) -> &'static [u16] {
     }
 }
 
-/// The plane of a triangle; all zero where its corners lie on one line (at a pole).
+/// Triangles with less than this part of their longest side squared as twice their area are lines.
+const FLAT: f64 = 1e-9;
+/// Barycentric coordinates count as inside from here on: less than rounding, and no height changes by it.
+const INSIDE: f64 = -1e-7;
+
+/// The plane of a triangle: normal · p = offset, the normal outwards, of any length. All zero where its corners lie on
+/// one line (at a pole).
 #[derive(Clone, Copy, Debug, Default)]
 struct Plane {
-    /// Outwards, unit length: normal · p = offset.
     normal: DVec3,
     offset: f64,
-    /// Barycentric coordinates of a point of the plane for the first two corners: gradient · p + constant.
-    weights: [(DVec3, f64); 2],
 }
 
 impl Plane {
     fn through([a, b, c]: [DVec3; 3]) -> Self {
-        let cross = (b - a).cross(c - a);
-        let normal = cross.normalize_or_zero();
-        let weight = |from: DVec3, to: DVec3| {
-            let gradient = cross.cross(to - from) / cross.length_squared();
-            (gradient, -gradient.dot(from))
-        };
-        Self { normal, offset: normal.dot(a), weights: [weight(b, c), weight(c, a)] }
+        let normal = (b - a).cross(c - a);
+        let longest_sq = (b - a).length_squared().max((c - a).length_squared()).max((c - b).length_squared());
+        if normal.length_squared() <= (FLAT * longest_sq).powi(2) {
+            return Self::default();
+        }
+        Self { normal, offset: normal.dot(a) }
     }
 
     /// Height above the ellipsoid at which a sample's normal meets the plane. `None` for a plane that is none.
     fn height_m(&self, sample: &Sample) -> Option<f64> {
         let slope = self.normal.dot(sample.up);
-        (slope.abs() > 1e-9).then(|| (self.offset - self.normal.dot(sample.foot)) / slope)
-    }
-
-    /// Whether the point of the plane above a sample lies in the triangle.
-    fn holds(&self, sample: &Sample, height_m: f64) -> bool {
-        let point = sample.foot + sample.up * height_m;
-        let [first, second] = self.weights.map(|(gradient, constant)| gradient.dot(point) + constant);
-        first.min(second).min(1.0 - first - second) >= 0.0
+        (slope != 0.0).then(|| (self.offset - self.normal.dot(sample.foot)) / slope)
     }
 
     /// Vertical distance between plane and truth; 0 for a plane that is none.
     fn miss_m(&self, sample: &Sample) -> f64 {
         self.height_m(sample).map_or(0.0, |height_m| (height_m - sample.height_m).abs())
+    }
+
+    /// Whether the vertical distance between plane and truth is above a limit.
+    fn misses(&self, sample: &Sample, limit_m: f64) -> bool {
+        let slope = self.normal.dot(sample.up);
+        (self.offset - self.normal.dot(sample.foot) - sample.height_m * slope).abs() > limit_m * slope.abs()
+    }
+}
+
+/// A drawn triangle: its plane, and the barycentric coordinates of a point p of it for the first two corners as
+/// gradient · p + constant.
+#[derive(Clone, Copy, Debug, Default)]
+struct Facet {
+    plane: Plane,
+    weights: [(DVec3, f64); 2],
+}
+
+impl Facet {
+    fn of([a, b, c]: [DVec3; 3]) -> Self {
+        let plane = Plane::through([a, b, c]);
+        let area_sq = plane.normal.length_squared();
+        let weight = |from: DVec3, to: DVec3| {
+            let gradient = if area_sq > 0.0 { plane.normal.cross(to - from) / area_sq } else { DVec3::ZERO };
+            (gradient, -gradient.dot(from))
+        };
+        Self { plane, weights: [weight(b, c), weight(c, a)] }
+    }
+
+    /// The height where a sample's normal goes through the triangle; `None` where it passes by.
+    fn height_m(&self, sample: &Sample) -> Option<f64> {
+        let height_m = self.plane.height_m(sample)?;
+        let point = sample.foot + sample.up * height_m;
+        let [first, second] = self.weights.map(|(gradient, constant)| gradient.dot(point) + constant);
+        (first.min(second).min(1.0 - first - second) >= INSIDE).then_some(height_m)
     }
 }
 
@@ -85,66 +114,63 @@ pub struct Positions {
 impl Positions {
     /// Heights of all 65 × 65 posts, rows from the south, metres.
     pub fn new(cell: CellId, diagonal: Diagonal, heights_m: &[f64]) -> Self {
-        let bounds = cell.bounds();
-        let fraction = |i: usize| i as f64 / SIDE as f64;
-        let ecef = (0..POSTS * POSTS)
-            .map(|at| bounds.at(fraction(at % POSTS), fraction(at / POSTS), heights_m[at]).to_ecef().xyz())
-            .collect();
+        let meridians = Meridians::of(&cell.bounds());
+        let feet = (0..POSTS * POSTS).map(|at| meridians.foot(at % POSTS, at / POSTS));
+        let ecef = feet.zip(heights_m).map(|((foot, up), &height_m)| foot + up * height_m).collect();
         Self { diagonal, ecef }
     }
 
-    fn plane(&self, triangle: Triangle) -> Plane {
-        Plane::through(
-            triangle.vertices(self.diagonal).map(|(column, row)| self.ecef[post_index(column.into(), row.into())]),
-        )
-    }
-
-    fn planes(&self) -> Vec<Plane> {
-        let mut planes = vec![Plane::default(); TRIANGLE_COUNT];
-        for triangle in Triangle::all() {
-            planes[triangle.index()] = self.plane(triangle);
-        }
-        planes
+    fn corners(&self, triangle: Triangle) -> [DVec3; 3] {
+        triangle.vertices(self.diagonal).map(|(column, row)| self.ecef[post_index(column.into(), row.into())])
     }
 
     /// The largest vertical distance between the truth and the planes of the triangles that lie over the samples in
-    /// the grid, metres.
-    pub fn deviation_m(&self, drawn: &Drawn, samples: &Samples) -> f64 {
-        let planes = self.drawn_planes(drawn);
-        samples.fold(|| 0.0f64, |most, sample| *most = most.max(planes[drawn.over(sample)].miss_m(sample)), f64::max)
+    /// the grid, all posts in use; metres.
+    pub fn full_deviation_m(&self, samples: &Samples) -> f64 {
+        let mut planes = vec![Plane::default(); TRIANGLE_COUNT];
+        for triangle in Triangle::all().filter(|triangle| triangle.depth() == DEPTH) {
+            planes[triangle.index()] = Plane::through(self.corners(triangle));
+        }
+        let finest = finest(self.diagonal);
+        samples.fold(
+            || 0.0f64,
+            |most, sample| *most = most.max(planes[usize::from(finest[sample.half()])].miss_m(sample)),
+            f64::max,
+        )
     }
 
-    /// The largest vertical distance between the truth and a page's surface, metres. In space the triangle over a
-    /// sample may be another than in the grid (see [`Surface`]); mostly it is the same, and its plane does.
-    pub fn surface_deviation_m(&self, drawn: &Drawn, surface: &Surface<'_>, samples: &Samples) -> f64 {
-        let planes = self.drawn_planes(drawn);
+    /// The largest vertical distance between the truth and the surface of `page`, metres. In space the triangle over
+    /// a sample may be another than in the grid (see [`Surface`]); mostly it is the same, and its plane does.
+    pub fn surface_deviation_m(&self, drawn: &Drawn, page: &TerrainPage, samples: &Samples) -> f64 {
+        let mut facets = vec![Facet::default(); TRIANGLE_COUNT];
+        for &triangle in &drawn.triangles {
+            facets[triangle.index()] = Facet::of(self.corners(triangle));
+        }
+        let surface = OnceLock::new();
+        let search = |sample: &Sample| {
+            let surface = surface.get_or_init(|| Surface::new(page, 1.0));
+            surface.height_along_m(sample.foot, sample.up, sample.fractions)
+        };
         let miss_m = |sample: &Sample| {
-            let plane = &planes[drawn.over(sample)];
-            let near = plane.height_m(sample).filter(|&height_m| plane.holds(sample, height_m));
-            let drawn_m = near.or_else(|| surface.height_along_m(sample.foot, sample.up, sample.fractions));
+            let drawn_m = facets[drawn.over(sample)].height_m(sample).or_else(|| search(sample));
             drawn_m.map_or(0.0, |drawn_m| (drawn_m - sample.height_m).abs())
         };
         samples.fold(|| 0.0f64, |most, sample| *most = most.max(miss_m(sample)), f64::max)
     }
 
-    fn drawn_planes(&self, drawn: &Drawn) -> Vec<Plane> {
-        let mut planes = vec![Plane::default(); TRIANGLE_COUNT];
-        for &triangle in &drawn.triangles {
-            planes[triangle.index()] = self.plane(triangle);
-        }
-        planes
-    }
-
     /// Which triangles of the bintree lie further than `limit_m` from the truth at any sample.
     pub fn exceeding(&self, limit_m: f64, samples: &Samples) -> Flags {
-        let planes = self.planes();
+        let mut planes = vec![Plane::default(); TRIANGLE_COUNT];
+        for triangle in Triangle::all() {
+            planes[triangle.index()] = Plane::through(self.corners(triangle));
+        }
         let finest = finest(self.diagonal);
         samples.fold(
             Flags::default,
             |flags, sample| {
                 let mut index = usize::from(finest[sample.half()]);
                 while index >= 2 {
-                    if !flags.get(index) && planes[index].miss_m(sample) > limit_m {
+                    if !flags.get(index) && planes[index].misses(sample, limit_m) {
                         flags.set(index);
                     }
                     index /= 2;

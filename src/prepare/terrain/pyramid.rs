@@ -11,7 +11,7 @@ use super::measure::{Drawn, Flags, Positions};
 use super::page::{self, quantized};
 use super::truth::{Posts, Samples, Truth, post_index};
 use crate::content::rtin::{Active, Diagonal};
-use crate::content::{POSTS, Surface, TerrainPage, border_posts};
+use crate::content::{POSTS, TerrainPage, border_posts};
 use crate::forest::{CellId, LEVEL_MAX, Zone};
 use crate::prepare::task::{Stopped, Task};
 use rayon::prelude::*;
@@ -70,8 +70,7 @@ impl Terrain<'_> {
             let level = self.for_each(&cells, |&cell| {
                 let posts = Posts::of(self.truth, cell);
                 let positions = Positions::new(cell, Diagonal::of(cell), &posts.heights_m);
-                let full = Drawn::of(Diagonal::of(cell), &Active::full());
-                (cell, positions.deviation_m(&full, &Samples::new(self.truth, cell, &posts)))
+                (cell, positions.full_deviation_m(&Samples::new(self.truth, cell, &posts)))
             })?;
             cells = level
                 .iter()
@@ -174,7 +173,7 @@ impl Terrain<'_> {
             let heights = quantized(&posts.heights_m, declared_m);
             let page = page::bare(cell, active, &heights);
             let positions = Positions::new(cell, diagonal, &heights);
-            positions.surface_deviation_m(&drawn, &Surface::new(&page, 1.0), &samples) + ROUNDING_M
+            positions.surface_deviation_m(&drawn, &page, &samples) + ROUNDING_M
         };
         let mut declared = round_up(target_m.max(least_m));
         let mut error_m = measured_m(declared);
@@ -212,7 +211,7 @@ pub fn deviation_m(truth: &dyn Truth, page: &TerrainPage) -> f64 {
     }
     let drawn = Drawn::of(page.diagonal, &page.active());
     let positions = Positions::new(page.cell, page.diagonal, &heights);
-    positions.surface_deviation_m(&drawn, &page.surface(1.0), &Samples::new(truth, page.cell, &posts))
+    positions.surface_deviation_m(&drawn, page, &Samples::new(truth, page.cell, &posts))
 }
 
 /// The next f32 that is not below.

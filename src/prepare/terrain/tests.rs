@@ -103,8 +103,8 @@ fn a_child_morphs_out_of_its_parents_surface() {
             let place = bounds.at(f64::from(at % 10) / 9.7 + 0.01, f64::from(at / 10) / 9.3 + 0.013, 0.0);
             let (a, b) = (above.height_m(place.lat_rad, place.lon_rad), morphed.height_m(place.lat_rad, place.lon_rad));
             let (Some(a), Some(b)) = (a, b) else { continue };
-            // Chords of coarse cells leave their parallels, so that near borders it is not quite the same triangle.
-            assert!((a - b).abs() < 0.01 + 2e-3 * f64::from(parent.error_m), "{cell}: {a} {b}");
+            // Chords of coarse cells leave their parallels, so that near rows of posts it is not quite the same plane.
+            assert!((a - b).abs() < 0.01 + 0.01 * f64::from(parent.error_m), "{cell}: {a} {b}");
         }
     }
 }

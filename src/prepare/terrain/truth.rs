@@ -84,28 +84,57 @@ pub struct Sample {
 struct Sampler {
     bounds: GeoBounds,
     lat_rad: f64,
-    sin_lat: f64,
-    cos_lat: f64,
+    /// (sin, cos) of it.
+    lat: (f64, f64),
     radius_m: f64,
 }
 
 impl Sampler {
     fn new(bounds: GeoBounds) -> Self {
-        Self { bounds, lat_rad: f64::NAN, sin_lat: 0.0, cos_lat: 0.0, radius_m: 0.0 }
+        Self { bounds, lat_rad: f64::NAN, lat: (0.0, 0.0), radius_m: 0.0 }
     }
 
     fn sample(&mut self, lat_rad: f64, lon_rad: f64, height_m: f64) -> Sample {
         if lat_rad != self.lat_rad {
             self.lat_rad = lat_rad;
-            (self.sin_lat, self.cos_lat) = lat_rad.sin_cos();
-            self.radius_m = prime_vertical_radius_m(self.sin_lat);
+            self.lat = lat_rad.sin_cos();
+            self.radius_m = prime_vertical_radius_m(self.lat.0);
         }
-        let (sin_lon, cos_lon) = lon_rad.sin_cos();
-        let up = DVec3::new(self.cos_lat * cos_lon, self.cos_lat * sin_lon, self.sin_lat);
-        let foot = DVec3::new(up.x, up.y, up.z * (1.0 - ECCENTRICITY_SQ)) * self.radius_m;
+        let (foot, up) = foot(self.lat, lon_rad.sin_cos(), self.radius_m);
         let (u, v) = self.bounds.fractions(lat_rad, lon_rad);
         Sample { fractions: [u, v], foot, up, height_m }
     }
+}
+
+/// Sines and cosines of a cell's columns and rows of posts.
+pub struct Meridians {
+    /// (sin, cos) of the longitudes of the columns, of the latitudes of the rows, and N(φ) of the rows.
+    columns: Vec<(f64, f64)>,
+    rows: Vec<(f64, f64)>,
+    radii_m: Vec<f64>,
+}
+
+impl Meridians {
+    pub fn of(bounds: &GeoBounds) -> Self {
+        let places: Vec<_> = (0..POSTS as i32).map(|i| post_place(bounds, i, i)).collect();
+        let rows: Vec<_> = places.iter().map(|(lat_rad, _)| lat_rad.sin_cos()).collect();
+        Self {
+            columns: places.iter().map(|(_, lon_rad)| lon_rad.sin_cos()).collect(),
+            radii_m: rows.iter().map(|&(sin, _)| prime_vertical_radius_m(sin)).collect(),
+            rows,
+        }
+    }
+
+    /// A post's place on the ellipsoid (ECEF, metres) and the normal there.
+    pub fn foot(&self, column: usize, row: usize) -> (DVec3, DVec3) {
+        foot(self.rows[row], self.columns[column], self.radii_m[row])
+    }
+}
+
+/// From (sin, cos) of latitude and longitude and N(φ).
+fn foot((sin_lat, cos_lat): (f64, f64), (sin_lon, cos_lon): (f64, f64), radius_m: f64) -> (DVec3, DVec3) {
+    let up = DVec3::new(cos_lat * cos_lon, cos_lat * sin_lon, sin_lat);
+    (DVec3::new(up.x, up.y, up.z * (1.0 - ECCENTRICITY_SQ)) * radius_m, up)
 }
 
 /// Index of a post in arrays over a cell's grid.
@@ -209,16 +238,17 @@ impl<'a> Samples<'a> {
     }
 
     fn visit_own(&self, visit: &mut dyn FnMut(&Sample)) {
-        let mut sampler = Sampler::new(self.bounds);
-        for row in 0..POSTS {
-            for column in 0..POSTS {
-                let (lat_rad, lon_rad) = post_place(&self.bounds, column as i32, row as i32);
-                visit(&sampler.sample(lat_rad, lon_rad, self.posts.heights_m[post_index(column, row)]));
-            }
+        let meridians = Meridians::of(&self.bounds);
+        for (at, &height_m) in self.posts.heights_m.iter().enumerate() {
+            let (column, row) = (at % POSTS, at / POSTS);
+            let (foot, up) = meridians.foot(column, row);
+            let fractions = [column, row].map(|i| i as f64 / SIDE as f64);
+            visit(&Sample { fractions, foot, up, height_m });
         }
         if self.has_source {
             return;
         }
+        let mut sampler = Sampler::new(self.bounds);
         for at in 0..SIDE * SIDE {
             let middle = |i: usize| (i as f64 + 0.5) / SIDE as f64;
             let place = self.bounds.at(middle(at % SIDE), middle(at / SIDE), 0.0);
