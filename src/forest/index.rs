@@ -115,6 +115,8 @@ pub enum IndexError {
     Apart(CellId),
     #[error("cell {0} has more than 255 object pages")]
     TooManyObjects(CellId),
+    #[error("a page of cell {0} lies beyond 2⁴⁰ bytes or is longer than 2²⁴: cut the world into smaller pages")]
+    TooLarge(CellId),
     #[error("segment {segment}: {what}")]
     Malformed { segment: u32, what: &'static str },
 }
@@ -275,6 +277,9 @@ impl IndexTree {
                 let Some(cell) = cells.pop_front() else {
                     return fail("more nodes than links");
                 };
+                if !(0.0..f32::INFINITY).contains(&record.terrain_error_m) {
+                    return fail("an error that is no length");
+                }
                 let objects_end = (record.objects >> 8) as usize + (record.objects & 255) as usize;
                 if objects_end > segment.objects().len() {
                     return fail("an objects link beyond the end");
@@ -391,6 +396,10 @@ fn pack_node(
         (None, Some(imagery)) => Place { offset: imagery.offset, len: 0 },
         (None, None) => Place { offset: 0, len: 0 },
     };
+    let pages = info.objects.iter().map(|entry| entry.place).chain(info.imagery).chain([terrain]);
+    if pages.into_iter().any(|place| Place::new(place.offset, place.len).is_none()) {
+        return Err(IndexError::TooLarge(cell));
+    }
     if info.objects.len() > 255 {
         return Err(IndexError::TooManyObjects(cell));
     }
