@@ -199,9 +199,7 @@ fn a_wrong_type_in_a_file_is_one_clear_error() {
     };
     let square = r#"{"type":"Polygon","coordinates":[[[0,0],[1e-4,0],[1e-4,1e-4],[0,0]]]}"#;
     let gather_from = |file: &str, keys: &str| {
-        gather(&section(file, keys), folder.path(), VerticalDatum::Ellipsoid, &FLAT, &|_| ())
-            .unwrap_err()
-            .to_string()
+        gather(&section(file, keys), folder.path(), VerticalDatum::Ellipsoid, &FLAT, &|_| ()).unwrap_err().to_string()
     };
     let cases = [
         (feature(r#"{"type":"Point","coordinates":[0,0]}"#, "{}"), "Point"),

@@ -126,7 +126,9 @@ pub fn parse_metres(text: &str) -> Option<f64> {
         let inches = if inches.is_empty() { 0.0 } else { number(inches)? };
         return Some((number(feet)? + inches / 12.0) * FOOT_M);
     }
-    for (unit, metres) in [("feet", FOOT_M), ("ft", FOOT_M), ("km", 1000.0), ("metres", 1.0), ("meters", 1.0), ("m", 1.0)] {
+    for (unit, metres) in
+        [("feet", FOOT_M), ("ft", FOOT_M), ("km", 1000.0), ("metres", 1.0), ("meters", 1.0), ("m", 1.0)]
+    {
         if let Some(part) = text.strip_suffix(unit) {
             return number(part).map(|value| value * metres);
         }
@@ -169,7 +171,9 @@ mod tests {
 
     #[test]
     fn lengths_as_people_write_them() {
-        for (text, metres) in [("12", 12.0), ("12 m", 12.0), ("12,5", 12.5), ("40'", 12.192), ("6'6\"", 1.9812), ("10 ft", 3.048)] {
+        for (text, metres) in
+            [("12", 12.0), ("12 m", 12.0), ("12,5", 12.5), ("40'", 12.192), ("6'6\"", 1.9812), ("10 ft", 3.048)]
+        {
             let parsed = parse_metres(text).unwrap();
             assert!((parsed - metres).abs() < 1e-9, "{text}: {parsed}");
         }

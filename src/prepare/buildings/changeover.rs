@@ -173,7 +173,8 @@ mod tests {
         let mut items: Vec<Item> = (0..count)
             .map(|at| {
                 // The plastic number's lattice: even, and the same each time.
-                let (x, y) = ((f64::from(at) * 0.754_877_666).fract() - 0.5, (f64::from(at) * 0.569_840_291).fract() - 0.5);
+                let (x, y) =
+                    ((f64::from(at) * 0.754_877_666).fract() - 0.5, (f64::from(at) * 0.569_840_291).fract() - 0.5);
                 let lat = lat_deg.to_radians() + y * 2.0 * radius_m / SEMI_MAJOR_M;
                 let lon = lon_deg.to_radians() + x * 2.0 * radius_m / SEMI_MAJOR_M / lat.cos();
                 Item::new(lat, lon, reach_m(at), 40)
@@ -192,12 +193,12 @@ mod tests {
     #[test]
     fn one_size_gives_vgis_rule_anywhere() {
         for (lat, lon) in [(0.0, 0.0), (33.75, -84.4), (45.0, 10.0), (60.17, 24.9), (-77.8, 166.7), (12.0, 179.99)] {
-            for (reach, count, radius) in [(5.0, 20_000, 2_000.0), (50.0, 3_000, 8_000.0), (50.0, 12, 9_000.0), (700.0, 500, 40_000.0)] {
+            for (reach, count, radius) in
+                [(5.0, 20_000, 2_000.0), (50.0, 3_000, 8_000.0), (50.0, 12, 9_000.0), (700.0, 500, 40_000.0)]
+            {
                 let changeover = choose(&city(lat, lon, count, radius, |_| reach));
-                let expected = (0..=LEVEL_MAX)
-                    .rev()
-                    .find(|&level| changeover_fits(lat, lon, radius, reach, level))
-                    .unwrap();
+                let expected =
+                    (0..=LEVEL_MAX).rev().find(|&level| changeover_fits(lat, lon, radius, reach, level)).unwrap();
                 // Where L_q itself changes within the city, VGIS's rule has no one answer.
                 if changeover.curve.last().map(|p| p.level) == Some(expected + 1) {
                     assert_eq!(changeover.level, expected, "{lat} {lon} {reach} {changeover:?}");

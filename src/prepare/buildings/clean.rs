@@ -2,7 +2,7 @@
 
 use crate::geodesy::{meridian_radius_m, prime_vertical_radius_m};
 use crate::prepare::vector::{FootprintPolygon, Ring};
-use geo::triangulate_delaunay::{SpadeTriangulationConfig, TriangulateDelaunay};
+use geo::triangulate_delaunay::{DelaunayTriangulationConfig, TriangulateDelaunay};
 use geo::{Area, BooleanOps, Coord, LineString, MultiPolygon, Polygon, TriangulateEarcut};
 use std::collections::BTreeSet;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
@@ -309,7 +309,7 @@ fn delaunay(polygon: &Polygon, area_m2: f64) -> Option<Vec<[u16; 3]>> {
         let distance = |q: &Coord| (q.x - p.x).hypot(q.y - p.y);
         (0..points.len()).min_by(|&a, &b| distance(&points[a]).total_cmp(&distance(&points[b])))
     };
-    let triangles = polygon.constrained_triangulation(SpadeTriangulationConfig { snap_radius: 1e-6 }).ok()?;
+    let triangles = polygon.constrained_triangulation(DelaunayTriangulationConfig { snap_radius: 1e-6 }).ok()?;
     let indices = triangles.iter().map(|t| Some([nearest(t.v1())?, nearest(t.v2())?, nearest(t.v3())?]));
     covering(indices.collect::<Option<Vec<_>>>()?.into_iter(), &points, area_m2)
 }
@@ -389,7 +389,8 @@ mod tests {
         for (ring, reasons, expected, parts) in cases {
             let (footprints, repaired) = cleaned(&[ring]);
             let footprints = footprints.unwrap();
-            let repaired: Vec<_> = repaired.into_iter().filter(|r| reasons.contains(r) || *r != "ring turned round").collect();
+            let repaired: Vec<_> =
+                repaired.into_iter().filter(|r| reasons.contains(r) || *r != "ring turned round").collect();
             assert_eq!(repaired, reasons, "{ring:?}");
             assert!((area(&footprints) - expected).abs() < 0.02, "{ring:?}: {}", area(&footprints));
             assert_eq!(footprints.len(), parts);

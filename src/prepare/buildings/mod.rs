@@ -276,9 +276,10 @@ fn bytes_about(object: &Placed) -> u32 {
 
 fn bounds_deg(objects: &[Placed]) -> [f64; 4] {
     let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-    let bounds = objects.iter().flat_map(|object| object.prism.rings.iter().flatten()).fold(start, |b, p| {
-        [b[0].min(p[0]), b[1].min(p[1]), b[2].max(p[0]), b[3].max(p[1])]
-    });
+    let bounds = objects
+        .iter()
+        .flat_map(|object| object.prism.rings.iter().flatten())
+        .fold(start, |b, p| [b[0].min(p[0]), b[1].min(p[1]), b[2].max(p[0]), b[3].max(p[1])]);
     if objects.is_empty() { [0.0; 4] } else { bounds.map(f64::to_degrees) }
 }
 

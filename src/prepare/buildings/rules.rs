@@ -127,8 +127,7 @@ impl Rules {
 
     /// The shape by attribute, or the one that the section names.
     fn roof_shape<'a>(&'a self, attributes: &'a Map<String, Value>) -> Option<&'a str> {
-        const SHAPES: [&str; 8] =
-            ["flat", "gabled", "hipped", "pyramidal", "skillion", "dome", "half-hipped", "round"];
+        const SHAPES: [&str; 8] = ["flat", "gabled", "hipped", "pyramidal", "skillion", "dome", "half-hipped", "round"];
         match attributes.get(&self.roof) {
             Some(value) => value.as_str(),
             None => Some(self.roof.as_str()).filter(|roof| SHAPES.contains(roof)),

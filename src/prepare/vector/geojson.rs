@@ -62,7 +62,8 @@ impl State<'_, '_> {
 
     fn take(&mut self, value: Value) -> Result<(), PrepareError> {
         let number = self.features + self.without_geometry + 1;
-        let raw = serde_json::from_value::<geojson::Feature>(value).map_err(|error| self.feature_error(number, error.to_string()))?;
+        let raw = serde_json::from_value::<geojson::Feature>(value)
+            .map_err(|error| self.feature_error(number, error.to_string()))?;
         let Some(geometry) = raw.geometry else {
             self.without_geometry += 1;
             return Ok(());

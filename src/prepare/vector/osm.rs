@@ -5,8 +5,8 @@ use super::{FootprintPolygon, Ring};
 use crate::prepare::PrepareError;
 use crate::prepare::source::SourceFile;
 use osmpbf::{Element, ElementReader, RelMemberType};
-use std::io::Read;
 use std::collections::{BTreeMap, HashMap, HashSet};
+use std::io::Read;
 
 /// Tags of an element.
 pub type Tags = BTreeMap<String, String>;
@@ -114,7 +114,10 @@ impl OsmFile {
             let (present, absent): (Vec<_>, Vec<_>) = ways.partition(Option::is_some);
             let (rings, open) = join(present.into_iter().flatten().map(|way| way.nodes.clone()).collect());
             let points = |ring: Vec<i64>| ring.iter().filter_map(|node| self.nodes.get(node).copied()).collect();
-            (rings.into_iter().map(points).filter(|ring: &Ring| ring.len() >= 4).collect::<Vec<_>>(), open + absent.len())
+            (
+                rings.into_iter().map(points).filter(|ring: &Ring| ring.len() >= 4).collect::<Vec<_>>(),
+                open + absent.len(),
+            )
         };
         let (outer, mut broken) = rings_of(Role::Outer);
         let (inner, broken_inner) = rings_of(Role::Inner);

@@ -92,7 +92,9 @@ fn candidates(osm: &OsmFile, counts: &mut OsmBuildingCounts, kept_back: &mut BTr
     // A ring that carries its relation's tag as well is one building, not two.
     let rings_of_relations: HashSet<i64> = osm.relations.iter().flat_map(|r| r.members.iter().map(|m| m.0)).collect();
     for way in &osm.ways {
-        if !is(&way.tags, "building") && !is(&way.tags, "building:part") || doubles_relation(osm, way, &rings_of_relations) {
+        if !is(&way.tags, "building") && !is(&way.tags, "building:part")
+            || doubles_relation(osm, way, &rings_of_relations)
+        {
             continue;
         }
         counts.add(&way.tags);
