@@ -5,9 +5,13 @@
 pub mod camera;
 pub mod cells;
 pub mod content;
+pub mod engine;
 pub mod forest;
 pub mod geodesy;
 pub mod paging;
+pub mod record;
+#[cfg(feature = "prepare")]
+pub mod prepare;
 pub mod select;
 pub mod store;
 pub mod units;
