@@ -204,3 +204,75 @@ fn missing_files_are_named_in_one_line() {
     let (code, said) = stoop(&["fly", "no/such/world", "--path", path]);
     assert!(code == 1 && said.contains("no/such/world") && said.lines().count() == 1, "{said}");
 }
+
+/// The made-up Earth and a dive over it, on disk.
+fn world_on_disk() -> (tempfile::TempDir, impl Fn(&str) -> String) {
+    let folder = tempfile::tempdir().unwrap();
+    earth::write(&folder.path().join("world"));
+    std::fs::write(folder.path().join("path.json"), earth::path_json(LOW_M)).unwrap();
+    let root = folder.path().to_owned();
+    (folder, move |name| root.join(name).to_str().unwrap().to_owned())
+}
+
+fn read_json(file: &str) -> serde_json::Value {
+    serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap()
+}
+
+#[test]
+fn the_program_flies_a_world_on_disk_in_every_mode() {
+    let (_folder, at) = world_on_disk();
+    let (world, path) = (at("world"), at("path.json"));
+    for mode in [&[][..], &["--settled"], &["--live"]] {
+        let report = at("report.json");
+        let size = ["--size", "96x54", "--report", &report];
+        let (code, said) = stoop(&[&["fly", &world, "--path", &path], &size[..], mode].concat());
+        assert_eq!(code, 0, "{mode:?}: {said}");
+        let report = read_json(&report);
+        assert_eq!(report["mode"], mode.first().map_or("lockstep", |mode| &mode[2..]));
+        assert!((report["seconds"].as_f64().unwrap() - 3.0).abs() < 0.01 && report["failed"] == 0, "{report}");
+        assert!(report["footprint_max_bytes"].as_u64() <= report["footprint_limit_bytes"].as_u64());
+        let frames = report["frames"].as_u64().unwrap();
+        let rows = std::fs::read_to_string(at("frames.csv")).unwrap().lines().count() as u64;
+        assert_eq!(rows, frames + 1);
+        match mode.first() {
+            Some(&"--live") => assert!(frames > 1),
+            Some(_) => assert_eq!((frames, &report["debt_px_s"]), (91, &0.0.into())),
+            None => assert_eq!(frames, 91),
+        }
+        let arrival = &report["arrivals"][0];
+        assert!(arrival["at_s"].as_f64().unwrap() > 0.5, "{arrival}");
+    }
+}
+
+#[test]
+fn pictures_ids_and_depths_are_written_when_asked() {
+    let (_folder, at) = world_on_disk();
+    let outputs = ["--frames", &at("f"), "--aov", &at("a"), "--at-secs", "0,2.5", "--report", &at("report.json")];
+    let flight = ["fly", &at("world"), "--path", &at("path.json"), "--size", "64x36"];
+    let (code, said) = stoop(&[&flight[..], &outputs].concat());
+    assert_eq!(code, 0, "{said}");
+    assert_eq!(read_json(&at("report.json"))["holes"], 0, "pictures are audited unless told otherwise");
+    for name in ["t0000.00", "t0002.50"] {
+        assert_eq!(image::open(at(&format!("f/{name}.png"))).unwrap().to_rgb8().dimensions(), (64, 36));
+        let ids = std::fs::read(at(&format!("a/{name}.ids.npy"))).unwrap();
+        let depth = std::fs::read(at(&format!("a/{name}.depth.npy"))).unwrap();
+        assert!(ids.len() == 128 + 64 * 36 * 4 && depth.len() == ids.len());
+        let legend = read_json(&at(&format!("a/{name}.ids.json")));
+        assert!(!legend.as_object().unwrap().is_empty());
+        assert!(legend.as_object().unwrap().values().all(|meaning| !meaning.is_null()), "{legend}");
+    }
+    assert_eq!(std::fs::read_dir(at("f")).unwrap().count(), 2);
+    let low = read_json(&at("a/t0002.50.ids.json"));
+    assert!(low.as_object().unwrap().values().any(|meaning| meaning["collection"] == "houses"), "{low}");
+}
+
+#[test]
+fn a_shot_is_taken_settled() {
+    let (_folder, at) = world_on_disk();
+    let place = ["--lon-deg", "-84.39", "--lat-deg", "33.75", "--height-m", "3000", "--size", "64x36"];
+    let (code, said) = stoop(&[&["shot", &at("world"), "--out", &at("shot.png")], &place[..]].concat());
+    assert_eq!(code, 0, "{said}");
+    assert_eq!(image::open(at("shot.png")).unwrap().to_rgb8().dimensions(), (64, 36));
+    let (code, said) = stoop(&[&["shot", &at("world"), "--out", &at("no/shot.png")], &place[..]].concat());
+    assert!(code == 1 && said.contains("no/shot.png"), "{said}");
+}

@@ -1,7 +1,8 @@
 //! A made-up Earth for flights: waves of ground everywhere, fine levels round one place, a few houses there.
 //! Pages come from formulas; nothing is stored.
 
-use std::collections::{BTreeMap, HashSet};
+use std::collections::{BTreeMap, HashMap, HashSet};
+use std::path::Path;
 use std::sync::Arc;
 use stoop::camera::{Pose, View};
 use stoop::content::rtin::SIDE;
@@ -13,7 +14,9 @@ use stoop::forest::index::{IndexForest, IndexTree, NodeInfo, ObjectsEntry, Place
 use stoop::forest::{CellId, LEVEL_MAX, Zone};
 use stoop::geodesy::{Geodetic, SEMI_MAJOR_M};
 use stoop::paging::{PageReader, ReadError};
-use stoop::store::Manifest;
+use stoop::store::{
+    CollectionInfo, Existing, Manifest, PrismPage, WorldWriter, encode_imagery, encode_objects, encode_terrain,
+};
 
 pub const LAT_DEG: f64 = 33.75;
 pub const LON_DEG: f64 = -84.39;
@@ -63,10 +66,6 @@ fn houses_root() -> CellId {
     CellId::containing(target().lat_rad, target().lon_rad, HOUSES_LEVEL)
 }
 
-fn houses_id() -> PageId {
-    PageId { cell: houses_root(), kind: PageKind::Objects { collection: 0, rep: 0 } }
-}
-
 /// Houses of 20 m by 20 m in a row that runs east from the place.
 fn houses() -> Vec<Prism> {
     let metre_rad = 1.0 / SEMI_MAJOR_M;
@@ -96,35 +95,84 @@ fn houses() -> Vec<Prism> {
         .collect()
 }
 
-fn index() -> IndexForest {
-    let mut trees: BTreeMap<Zone, BTreeMap<CellId, NodeInfo>> = BTreeMap::new();
-    let mut offset = 64;
+/// The index; `place` puts pages away, terrain and imagery of a cell one after the other.
+fn trees(mut place: impl FnMut(PageId) -> Place) -> Vec<IndexTree> {
+    let mut zones: BTreeMap<Zone, BTreeMap<CellId, NodeInfo>> = BTreeMap::new();
     for cell in cells() {
-        let terrain = Place::new(offset, 1000).unwrap();
-        let imagery = Place::new(offset + 1000, 9000).unwrap();
-        offset += 10_000;
-        let holds_houses = cell.contains(houses_root());
+        let terrain = place(PageId { cell, kind: PageKind::Terrain });
         let mut node = NodeInfo {
             terrain: Some(TerrainEntry { place: terrain, error_m: error_m(cell.level()) as f32 }),
-            imagery: Some(imagery),
+            imagery: Some(place(PageId { cell, kind: PageKind::Imagery })),
             height_range_m: (0.0, 1000.0),
             ..NodeInfo::default()
         };
-        if holds_houses {
+        if cell.contains(houses_root()) {
             (node.dimension_m, node.reach_m) = (HOUSE_M, 20.0);
         }
         if cell == houses_root() {
-            let place = Place::new(offset, 3000).unwrap();
-            offset += 3000;
+            let place = place(houses_page());
             node.objects.push(ObjectsEntry { collection: 0, rep: 0, place, dimension_m: HOUSE_M });
         }
-        trees.entry(cell.zone()).or_default().insert(cell, node);
+        zones.entry(cell.zone()).or_default().insert(cell, node);
     }
-    let mut forest = IndexForest::default();
-    for (zone, nodes) in &trees {
-        forest.insert(IndexTree::build(*zone, nodes).unwrap());
+    zones.iter().map(|(zone, nodes)| IndexTree::build(*zone, nodes).unwrap()).collect()
+}
+
+fn manifest() -> Manifest {
+    let collection = CollectionInfo {
+        name: "houses".into(),
+        objects: houses().len() as u64,
+        pages: 1,
+        bytes: 0,
+        changeover_level: FINEST,
+        vgis_level: FINEST,
+        cost_curve: Vec::new(),
+        large_objects: 0,
+        set_aside: BTreeMap::new(),
+        repaired: BTreeMap::new(),
+        bounds_deg: [LON_DEG - 0.01, LAT_DEG - 0.01, LON_DEG + 0.01, LAT_DEG + 0.01],
+        attributes: Vec::new(),
+    };
+    Manifest {
+        version: 1,
+        name: "made up".into(),
+        datum: "WGS84 ellipsoidal".into(),
+        recipe_hash: "0".into(),
+        terrain: None,
+        imagery: None,
+        collections: vec![collection],
+        sources: Vec::new(),
+        height_range_m: (0.0, 1000.0),
+        zones: (0..32).collect(),
+        index_bytes: 0,
+        pack_bytes: 0,
     }
-    forest
+}
+
+/// Writes the same Earth as a world on disk.
+pub fn write(folder: &Path) {
+    let mut writer = WorldWriter::create(folder, Existing::Refuse).unwrap();
+    let mut picture_of_level = HashMap::new();
+    let trees = trees(|page| {
+        let bytes = match page.kind {
+            PageKind::Terrain => encode_terrain(&terrain(page.cell), 0.01).unwrap(),
+            PageKind::Imagery => {
+                let rgb: &Vec<u8> = picture_of_level.entry(page.cell.level()).or_insert_with(|| {
+                    imagery(page.cell).mips[0]
+                        .chunks_exact(4)
+                        .flat_map(|texel| [texel[0], texel[1], texel[2]])
+                        .collect()
+                });
+                encode_imagery(page.cell, rgb, 85).unwrap()
+            }
+            PageKind::Objects { collection, rep } => {
+                let page = PrismPage { root: page.cell, collection, rep, error_m: 0.1, prisms: houses() };
+                encode_objects(&page, &[]).unwrap()
+            }
+        };
+        writer.append(page.cell.zone(), &bytes).unwrap()
+    });
+    writer.finish(manifest(), &trees).unwrap();
 }
 
 /// Makes pages as they are asked for.
@@ -188,21 +236,28 @@ fn imagery(cell: CellId) -> ImageryPage {
 }
 
 pub fn source(reader: Formulas) -> Source {
-    let manifest = Manifest {
-        version: 1,
-        name: "made up".into(),
-        datum: "WGS84 ellipsoidal".into(),
-        recipe_hash: "0".into(),
-        terrain: None,
-        imagery: None,
-        collections: Vec::new(),
-        sources: Vec::new(),
-        height_range_m: (0.0, 1000.0),
-        zones: (0..32).collect(),
-        index_bytes: 0,
-        pack_bytes: 0,
+    let mut offset = 64;
+    let mut index = IndexForest::default();
+    let trees = trees(|page| {
+        let len = if page.kind == PageKind::Terrain { 1000 } else { 9000 };
+        offset += u64::from(len);
+        Place::new(offset - u64::from(len), len).unwrap()
+    });
+    trees.into_iter().for_each(|tree| index.insert(tree));
+    Source { manifest: Arc::new(manifest()), index, reader: Arc::new(reader) }
+}
+
+/// The dive as a flight path of two seconds at 30 frames a second, and a second of hovering.
+pub fn path_json(low_m: f64) -> String {
+    let columns = r#"["t_s", "lon_deg", "lat_deg", "height_m", "heading_deg", "pitch_deg"]"#;
+    let sample = |number: u32| {
+        let pose = dive(f64::from(number.min(20)) / 20.0, low_m, [1, 1]).pose;
+        let (heading_deg, pitch_deg) = (pose.heading_rad.to_degrees(), pose.pitch_rad.to_degrees());
+        let t_s = f64::from(number) / 10.0;
+        format!("[{t_s}, {LON_DEG}, {LAT_DEG}, {}, {heading_deg}, {pitch_deg}]", pose.eye.height_m)
     };
-    Source { manifest: Arc::new(manifest), index: index(), reader: Arc::new(reader) }
+    let samples: Vec<String> = (0..=30).map(sample).collect();
+    format!(r#"{{"fovy_deg": 60, "hz": 30, "columns": {columns}, "samples": [{}]}}"#, samples.join(","))
 }
 
 /// A dive over the place from 10,000 km to `low_m` above its ground: the view at 0 to 1 of the way.
@@ -220,5 +275,5 @@ pub fn page_under_the_dive(level: u8, kind: PageKind) -> PageId {
 }
 
 pub fn houses_page() -> PageId {
-    houses_id()
+    PageId { cell: houses_root(), kind: PageKind::Objects { collection: 0, rep: 0 } }
 }
