@@ -61,6 +61,10 @@ fn vs_main(vertex: TerrainVertex, @builtin(instance_index) instance: u32) -> Ter
     return out;
 }
 
+// Heights of the eye between which the drawn ground's own height ceases to count for the air before it, metres.
+const COARSE_EYE_LOW_M: f32 = 1e4;
+const COARSE_EYE_HIGH_M: f32 = 1e5;
+
 // The colour of ground without imagery, linear.
 fn tint(height_m: f32) -> vec3<f32> {
     let sea = vec3<f32>(0.012, 0.035, 0.075);
@@ -84,7 +88,10 @@ fn terrain_color(in: TerrainVarying) -> vec3<f32> {
     // Pictures often have their own relief: shade them less than plain ground.
     let relief = clamp(1.0 + in.sun.y * select(1.3, 0.6, textured), 0.35, 1.5);
     let day = smoothstep(-0.12, 0.25, in.sun.x);
-    return through_air(albedo * relief * mix(0.04, 1.0, day), in.from_eye, height_m, up);
+    // From high up the coarse surface may lie kilometres below the ground it stands for, the middle of a wide triangle
+    // more than its corners: it must not be hazier for it, so there the air ends at sea level.
+    let air_m = height_m * (1.0 - smoothstep(COARSE_EYE_LOW_M, COARSE_EYE_HIGH_M, frame.eye.w));
+    return through_air(albedo * relief * mix(0.04, 1.0, day), in.from_eye, air_m, up);
 }
 
 @fragment
