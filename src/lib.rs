@@ -5,9 +5,14 @@
 pub mod camera;
 pub mod cells;
 pub mod content;
+pub mod engine;
 pub mod forest;
 pub mod geodesy;
 pub mod paging;
+#[cfg(feature = "prepare")]
+pub mod prepare;
+pub mod record;
+pub mod render;
 pub mod select;
 pub mod store;
 pub mod units;

@@ -1,16 +1,16 @@
 //! Cells and their arithmetic: zones, levels, the thinning of columns with latitude, parents and children.
 
-use crate::geodesy::{GeoBounds, meridian_radius_m, prime_vertical_radius_m};
-use std::f64::consts::{FRAC_PI_4, PI};
+use super::thinning::{columns, thinned_bits, thinning};
+use crate::geodesy::GeoBounds;
+use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 use std::fmt;
-use std::sync::LazyLock;
 
 /// The deepest level; its cells are about 1.2 m high.
 pub const LEVEL_MAX: u8 = 22;
 /// The side of a zone in degrees.
 pub const ZONE_DEG: f64 = 45.0;
-const ZONE_ROWS: u32 = 4;
-const ZONE_COLUMNS: u32 = 8;
+pub(super) const ZONE_ROWS: u32 = 4;
+pub(super) const ZONE_COLUMNS: u32 = 8;
 
 /// One of the 32 zones: `row · 8 + column`, row 0 from 90°S to 45°S, column 0 from 180°W to 135°W.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -49,39 +49,13 @@ impl Zone {
         CellId::pack(self, 0, 0)
     }
 
-    fn is_northern(self) -> bool {
+    pub(super) fn is_northern(self) -> bool {
         self.row() >= ZONE_ROWS / 2
     }
 
-    fn touches_pole(self) -> bool {
+    pub(super) fn touches_pole(self) -> bool {
         self.row() == 0 || self.row() == ZONE_ROWS - 1
     }
-}
-
-/// k: how many E–W splits less the row of cells `y` of `level` has, `⌊log2(1/cos φ)⌋` with φ the latitude of the
-/// row's equatorward edge.
-pub fn thinning(zone: Zone, level: u8, y: u32) -> u8 {
-    if !zone.touches_pole() {
-        return 0;
-    }
-    // Rows from the equatorward edge of the zone, in units of the deepest level.
-    let from_equator = if zone.is_northern() { y } else { (1 << level) - 1 - y };
-    let edge = u64::from(from_equator) << (LEVEL_MAX - level);
-    THINNING_EDGES.partition_point(|&threshold| threshold <= edge) as u8
-}
-
-/// Where k grows: for k = 1, 2, …, the first row edge of the deepest level, counted from 45°, with cos φ ≤ 2⁻ᵏ.
-static THINNING_EDGES: LazyLock<Vec<u64>> = LazyLock::new(|| {
-    let rows = f64::from(1 << LEVEL_MAX);
-    (1..=i32::from(LEVEL_MAX))
-        .map(|k| ((0.5f64.powi(k).acos() / FRAC_PI_4 - 1.0) * rows).ceil() as u64)
-        .take_while(|&edge| edge < 1 << LEVEL_MAX)
-        .collect()
-});
-
-/// The number of cells in a row within its zone, 2^(level − k).
-pub fn columns(zone: Zone, level: u8, y: u32) -> u32 {
-    1 << (level - thinning(zone, level, y))
 }
 
 /// Which child of its parent a cell is.
@@ -119,54 +93,61 @@ const LEVEL_BITS: u32 = 5;
 const PATH_BITS: u32 = 2 * LEVEL_MAX as u32;
 
 impl CellId {
+    /// The first in order.
+    pub(super) const FIRST: Self = Self::pack(Zone(0), 0, 0);
+
     const fn pack(zone: Zone, level: u8, path: u64) -> Self {
         Self((zone.0 as u64) << (PATH_BITS + LEVEL_BITS) | path << LEVEL_BITS | level as u64)
     }
 
     /// The cell of `zone` at `level`, column `x` from the west and row `y` from the south; `None` when there is none.
     pub fn new(zone: Zone, level: u8, x: u32, y: u32) -> Option<Self> {
-        if level > LEVEL_MAX || y >= 1 << level || x >= columns(zone, level, y) {
-            return None;
-        }
-        let (mut path, mut x, mut y) = (0u64, x, y);
-        for depth in (1..=level).rev() {
-            let thinned = thinning(zone, depth, y) > thinning(zone, depth - 1, y / 2);
-            let column = if thinned { 0 } else { x & 1 };
-            path |= u64::from((y & 1) << 1 | column) << (2 * (LEVEL_MAX - depth));
-            if !thinned {
-                x /= 2;
-            }
-            y /= 2;
-        }
-        Some(Self::pack(zone, level, path))
+        (level <= LEVEL_MAX && y < 1 << level && x < columns(zone, level, y)).then(|| Self::at_xy(zone, level, x, y))
     }
 
-    /// The cell of `level` that holds a place. Edges belong to the cell north and east of them; the north pole to the
-    /// last row.
-    pub fn containing(lat_rad: f64, lon_rad: f64, level: u8) -> Self {
-        let level = level.min(LEVEL_MAX);
-        let rows = f64::from(ZONE_ROWS << level);
-        let row = (((lat_rad + PI / 2.0) / PI * rows).floor().clamp(0.0, rows - 1.0)) as u32;
+    /// [`CellId::new`] where the coordinates are known to be in range.
+    fn at_xy(zone: Zone, level: u8, x: u32, y: u32) -> Self {
+        let x = open_bits(x, thinned_bits(zone, level, y));
+        Self::pack(zone, level, (spread_bits(y) << 1 | spread_bits(x)) << (2 * (LEVEL_MAX - level)))
+    }
+
+    /// The cell at a row from the south pole and a column from 180°W, both of the whole Earth and in range.
+    pub(super) fn at_row_column(level: u8, row: u32, column: u32) -> Self {
         let (zone_row, y) = (row >> level, row & ((1 << level) - 1));
         let per_zone = columns(Zone::from_row_column(zone_row, 0), level, y);
-        let all = f64::from(ZONE_COLUMNS * per_zone);
-        let turns = (lon_rad + PI) / (2.0 * PI);
-        let column = (((turns - turns.floor()) * all).floor().clamp(0.0, all - 1.0)) as u32;
         let zone = Zone::from_row_column(zone_row, column / per_zone);
-        Self::new(zone, level, column % per_zone, y).expect("row and column are in range by construction")
+        Self::at_xy(zone, level, column % per_zone, y)
+    }
+
+    /// Row from the south pole and column from 180°W, of the whole Earth.
+    pub(super) fn row_column(self) -> (u32, u32) {
+        let ((x, y), zone, level) = (self.xy(), self.zone(), self.level());
+        ((zone.row() << level) + y, zone.column() * columns(zone, level, y) + x)
+    }
+
+    /// The cell of `level` that holds a place; longitudes count round the Earth. Edges, as [`CellId::bounds`] has
+    /// them, belong to the cell north and east of them; the north pole to the last row.
+    pub fn containing(lat_rad: f64, lon_rad: f64, level: u8) -> Self {
+        let level = level.min(LEVEL_MAX);
+        let row = holding(lat_rad, FRAC_PI_2, ZONE_ROWS << level, level);
+        let (zone_row, y) = (row >> level, row & ((1 << level) - 1));
+        let thin_level = level - thinning(Zone::from_row_column(zone_row, 0), level, y);
+        let lon_rad = if (-PI..PI).contains(&lon_rad) { lon_rad } else { (lon_rad + PI).rem_euclid(TAU) - PI };
+        let column = holding(lon_rad, PI, ZONE_COLUMNS << thin_level, thin_level);
+        Self::at_row_column(level, row, column)
     }
 
     /// The cell with this ordinal; `None` when the bits name no cell.
     pub fn from_u64(bits: u64) -> Option<Self> {
         let level = (bits & ((1 << LEVEL_BITS) - 1)) as u8;
-        let zone = Zone::new(u8::try_from(bits >> (PATH_BITS + LEVEL_BITS)).ok()?)?;
+        Zone::new(u8::try_from(bits >> (PATH_BITS + LEVEL_BITS)).ok()?)?;
         let path = bits >> LEVEL_BITS & ((1 << PATH_BITS) - 1);
         if level > LEVEL_MAX || path & ((1 << (2 * (LEVEL_MAX - level))) - 1) != 0 {
             return None;
         }
         let cell = Self(bits);
-        let (x, y) = cell.xy();
-        (Self::new(zone, level, x, y) == Some(cell)).then_some(cell)
+        let (east_bits, y) = cell.path_bits();
+        (east_bits & thinned_bits(cell.zone(), level, y) == 0).then_some(cell)
     }
 
     pub fn to_u64(self) -> u64 {
@@ -185,22 +166,21 @@ impl CellId {
         self.0 >> LEVEL_BITS & ((1 << PATH_BITS) - 1)
     }
 
+    /// The path's eastern and northern bits, the last level's lowest; the latter are the row.
+    fn path_bits(self) -> (u32, u32) {
+        let path = self.path() >> (2 * (LEVEL_MAX - self.level()));
+        (gather_bits(path), gather_bits(path >> 1))
+    }
+
     /// Column from the west and row from the south, within the zone.
     pub fn xy(self) -> (u32, u32) {
-        let (zone, mut x, mut y) = (self.zone(), 0, 0);
-        for depth in 1..=self.level() {
-            let quadrant = (self.path() >> (2 * (LEVEL_MAX - depth)) & 3) as u32;
-            let parent_y = y;
-            y = y * 2 + (quadrant >> 1);
-            let thinned = thinning(zone, depth, y) > thinning(zone, depth - 1, parent_y);
-            x = if thinned { x } else { x * 2 + (quadrant & 1) };
-        }
-        (x, y)
+        let (east_bits, y) = self.path_bits();
+        (close_bits(east_bits, thinned_bits(self.zone(), self.level(), y)), y)
     }
 
     /// k of the cell's row.
     pub fn thinning(self) -> u8 {
-        thinning(self.zone(), self.level(), self.xy().1)
+        thinning(self.zone(), self.level(), self.path_bits().1)
     }
 
     /// `None` for a zone's root.
@@ -234,7 +214,7 @@ impl CellId {
 
     /// Whether the child row has one cell across this one instead of two.
     pub fn child_row_is_thinned(self, north: bool) -> bool {
-        let ((_, y), zone, level) = (self.xy(), self.zone(), self.level());
+        let ((_, y), zone, level) = (self.path_bits(), self.zone(), self.level());
         level < LEVEL_MAX && thinning(zone, level + 1, y * 2 + u32::from(north)) > thinning(zone, level, y)
     }
 
@@ -261,43 +241,78 @@ impl CellId {
         )
     }
 
+    /// The same numbers on both sides of an edge, at every level.
     pub fn bounds(self) -> GeoBounds {
-        let (x, y) = self.xy();
-        let (zone, level) = (self.zone(), self.level());
-        let side = FRAC_PI_4 / f64::from(1u32 << level);
-        let width = FRAC_PI_4 / f64::from(columns(zone, level, y));
-        let west = f64::from(zone.column()) * FRAC_PI_4 - PI;
-        let south = f64::from(zone.row()) * FRAC_PI_4 - PI / 2.0;
+        let (row, column) = self.row_column();
+        let (level, thin_level) = (self.level(), self.level() - self.thinning());
         GeoBounds {
-            west_rad: west + f64::from(x) * width,
-            south_rad: south + f64::from(y) * side,
-            east_rad: west + f64::from(x + 1) * width,
-            north_rad: south + f64::from(y + 1) * side,
-        }
-    }
-
-    /// The sides in metres on the ellipsoid: south, north (along the parallels), west–east height (along the
-    /// meridian, by its radius in the middle).
-    pub fn sides_m(self) -> CellSides {
-        let bounds = self.bounds();
-        let along_parallel = |lat_rad: f64| {
-            let (sin, cos) = lat_rad.sin_cos();
-            prime_vertical_radius_m(sin) * cos.max(0.0) * bounds.width_rad()
-        };
-        CellSides {
-            south_m: along_parallel(bounds.south_rad),
-            north_m: along_parallel(bounds.north_rad),
-            height_m: meridian_radius_m(bounds.center().lat_rad.sin()) * bounds.height_rad(),
+            west_rad: edge_rad(column, PI, thin_level),
+            south_rad: edge_rad(row, FRAC_PI_2, level),
+            east_rad: edge_rad(column + 1, PI, thin_level),
+            north_rad: edge_rad(row + 1, FRAC_PI_2, level),
         }
     }
 }
 
-/// Lengths of a cell's sides, metres.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct CellSides {
-    pub south_m: f64,
-    pub north_m: f64,
-    pub height_m: f64,
+/// The edge `at` of a grid with 45°/2^level between edges that starts at `−from_rad`. Products with powers of two are
+/// exact, so that an edge is the same number at every level that has it.
+fn edge_rad(at: u32, from_rad: f64, level: u8) -> f64 {
+    f64::from(at) * (FRAC_PI_4 / f64::from(1u32 << level)) - from_rad
+}
+
+/// Which interval of that grid holds an angle, of `count`; what lies outside goes to the first or last.
+fn holding(angle_rad: f64, from_rad: f64, count: u32, level: u8) -> u32 {
+    let guess = (angle_rad + from_rad) / FRAC_PI_4 * f64::from(1u32 << level);
+    let guess = guess.floor().clamp(0.0, f64::from(count - 1)) as u32;
+    // The guess is rounded; the edges decide.
+    if guess > 0 && angle_rad < edge_rad(guess, from_rad, level) {
+        guess - 1
+    } else if guess + 1 < count && angle_rad >= edge_rad(guess + 1, from_rad, level) {
+        guess + 1
+    } else {
+        guess
+    }
+}
+
+/// Puts a zero bit between any two bits.
+fn spread_bits(bits: u32) -> u64 {
+    let mut v = u64::from(bits);
+    v = (v | v << 16) & 0x0000_ffff_0000_ffff;
+    v = (v | v << 8) & 0x00ff_00ff_00ff_00ff;
+    v = (v | v << 4) & 0x0f0f_0f0f_0f0f_0f0f;
+    v = (v | v << 2) & 0x3333_3333_3333_3333;
+    (v | v << 1) & 0x5555_5555_5555_5555
+}
+
+/// Takes every other bit, the lowest first: the inverse of [`spread_bits`].
+fn gather_bits(bits: u64) -> u32 {
+    let mut v = bits & 0x5555_5555_5555_5555;
+    v = (v | v >> 1) & 0x3333_3333_3333_3333;
+    v = (v | v >> 2) & 0x0f0f_0f0f_0f0f_0f0f;
+    v = (v | v >> 4) & 0x00ff_00ff_00ff_00ff;
+    v = (v | v >> 8) & 0x0000_ffff_0000_ffff;
+    (v | v >> 16) as u32
+}
+
+/// Opens a zero at each bit of `places`.
+fn open_bits(mut bits: u32, mut places: u32) -> u32 {
+    while places != 0 {
+        let below = (1 << places.trailing_zeros()) - 1;
+        bits = (bits & !below) << 1 | bits & below;
+        places &= places - 1;
+    }
+    bits
+}
+
+/// Takes the bits at `places` out: the inverse of [`open_bits`].
+fn close_bits(mut bits: u32, mut places: u32) -> u32 {
+    while places != 0 {
+        let place = 31 - places.leading_zeros();
+        let below = (1 << place) - 1;
+        bits = bits >> 1 & !below | bits & below;
+        places &= !(1 << place);
+    }
+    bits
 }
 
 impl fmt::Debug for CellId {

@@ -3,6 +3,10 @@
 mod cell;
 pub mod index;
 mod neighbors;
+mod sides;
+mod thinning;
 
-pub use cell::{CellId, LEVEL_MAX, Quadrant, ZONE_DEG, Zone, columns, thinning};
-pub use neighbors::Side;
+pub use cell::{CellId, LEVEL_MAX, Quadrant, ZONE_DEG, Zone};
+pub use neighbors::{FewCells, Side};
+pub use sides::CellSides;
+pub use thinning::{columns, thinning};

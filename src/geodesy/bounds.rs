@@ -1,8 +1,8 @@
 //! Bounds of pieces of the Earth: in latitude and longitude, and as oriented boxes in space.
 
-use super::{Ecef, Geodetic, Point, SEMI_MAJOR_M};
-use glam::DVec3;
-use std::f64::consts::{FRAC_PI_2, TAU};
+use super::{ECCENTRICITY_SQ, Ecef, Geodetic, Point, prime_vertical_radius_m};
+use glam::{DVec2, DVec3};
+use std::f64::consts::PI;
 
 /// A latitude–longitude rectangle that does not cross the antimeridian; radians.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -90,33 +90,27 @@ pub struct OrientedBox {
 }
 
 impl OrientedBox {
-    /// The box, in the east-north-up frame of the rectangle's centre, around the shell of `bounds` between two
-    /// heights. It holds every point of the shell: sampled at enough points, widened by what can bulge between them.
+    /// The least box, in the east-north-up frame of the rectangle's centre, around the shell of `bounds` between two
+    /// heights above −6000 km.
+    ///
+    /// In closed form: a point at latitude φ, Δλ from the middle meridian and height h has, with
+    /// R = (N + h) cos φ and Z = (N(1 − e²) + h) sin φ, less the origin's, the coordinates
+    /// east R sin Δλ, north −sin φ₀ R cos Δλ + cos φ₀ Z, up cos φ₀ R cos Δλ + sin φ₀ Z. Each is linear in h and in
+    /// cos Δλ, so extremes lie at their ends; in latitude they lie at the ends or where the derivative is zero:
+    /// tan φ = tan φ₀ / cos Δλ for up, −cot φ₀ / cos Δλ for north.
     pub fn around(bounds: &GeoBounds, low_m: f64, high_m: f64) -> Self {
         let ecef_from_enu = bounds.center().ecef_from_enu();
-        let enu_from_ecef = ecef_from_enu.inverse();
-        let steps = (bounds.width_rad().max(bounds.height_rad()) / 0.1).ceil().clamp(2.0, 16.0) as u32;
-        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for row in 0..=steps {
-            for column in 0..=steps {
-                let (u, v) = (f64::from(column) / f64::from(steps), f64::from(row) / f64::from(steps));
-                for height_m in [low_m, high_m] {
-                    let p = (enu_from_ecef * bounds.at(u, v, height_m).to_ecef()).xyz();
-                    low = low.min(p);
-                    high = high.max(p);
-                }
-            }
-        }
-        let step_rad = (bounds.width_rad().min(TAU)).max(bounds.height_rad()).min(FRAC_PI_2 * 4.0) / f64::from(steps);
-        let bulge_m = (SEMI_MAJOR_M * 1.01 + high_m.max(0.0)) * (step_rad * step_rad / 4.0);
-        let (low, high) = (low - bulge_m, high + bulge_m);
+        let (low, high) = shell_extent(bounds, low_m, high_m);
         let rotation = ecef_from_enu.rotation();
         Self {
             center: ecef_from_enu * Point::new((low + high) / 2.0),
             axes: [rotation.x_axis, rotation.y_axis, rotation.z_axis],
-            half_m: (high - low) / 2.0,
+            half_m: (high - low) / 2.0 + Self::ROUNDING_M,
         }
     }
+
+    /// What rounding may take away, metres.
+    const ROUNDING_M: f64 = 1e-7;
 
     /// Distance from a point to the box, 0 inside; metres.
     pub fn distance_m(&self, point: Point<Ecef>) -> f64 {
@@ -137,4 +131,64 @@ impl OrientedBox {
     pub fn extent_along_m(&self, normal: DVec3) -> f64 {
         (0..3).map(|a| (self.axes[a].dot(normal) * self.half_m[a]).abs()).sum()
     }
+}
+
+/// A latitude's circle on the ellipsoid: what [`OrientedBox::around`] needs of it.
+struct Parallel {
+    sin: f64,
+    cos: f64,
+    /// Distances from the axis and from the equator's plane, metres.
+    across_m: f64,
+    along_m: f64,
+}
+
+impl Parallel {
+    fn new(lat_rad: f64) -> Self {
+        let (sin, cos) = lat_rad.sin_cos();
+        let n = prime_vertical_radius_m(sin);
+        Self { sin, cos, across_m: n * cos, along_m: n * (1.0 - ECCENTRICITY_SQ) * sin }
+    }
+
+    fn across_at_m(&self, height_m: f64) -> f64 {
+        self.across_m + height_m * self.cos
+    }
+}
+
+/// Least and greatest east, north and up of the shell from the rectangle's centre at height 0; metres.
+fn shell_extent(bounds: &GeoBounds, low_m: f64, high_m: f64) -> (DVec3, DVec3) {
+    let origin = Parallel::new(bounds.center().lat_rad);
+    let half_width = (bounds.width_rad() / 2.0).clamp(0.0, PI);
+    let (sin_far, cos_far) = half_width.sin_cos();
+    let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+    let mut take = |parallel: &Parallel, cos_lon: f64| {
+        for height_m in [low_m, high_m] {
+            let across = parallel.across_at_m(height_m) * cos_lon - origin.across_m;
+            let along = parallel.along_m + height_m * parallel.sin - origin.along_m;
+            let p = DVec2::new(origin.cos * along - origin.sin * across, origin.cos * across + origin.sin * along);
+            low = low.min(p);
+            high = high.max(p);
+        }
+    };
+    let ends = [Parallel::new(bounds.south_rad), Parallel::new(bounds.north_rad)];
+    for parallel in &ends {
+        take(parallel, 1.0);
+        take(parallel, cos_far);
+    }
+    // Straight ahead the highest point is the origin's zenith; at the far meridians an extreme within the rectangle
+    // is a highest point too, lower than this one, unless they lie beyond 90°.
+    take(&origin, 1.0);
+    if cos_far < 0.0 {
+        for stationary in [origin.sin.atan2(origin.cos * cos_far), (-origin.cos).atan2(origin.sin * cos_far)] {
+            // Latitudes are the two angles' values within ±90°.
+            let lat_rad = stationary.tan().atan();
+            take(&Parallel::new(lat_rad.clamp(bounds.south_rad, bounds.north_rad)), cos_far);
+        }
+    }
+    let widest = if bounds.south_rad <= 0.0 && bounds.north_rad >= 0.0 {
+        Parallel::new(0.0).across_at_m(high_m)
+    } else {
+        ends[0].across_at_m(high_m).max(ends[1].across_at_m(high_m))
+    };
+    let east = widest * if cos_far < 0.0 { 1.0 } else { sin_far };
+    (DVec3::new(-east, low.x, low.y), DVec3::new(east, high.x, high.y))
 }

@@ -1,6 +1,6 @@
 //! What the Earth hides: horizon culling against an ellipsoid inside the ground (Ring 2013, "Horizon Culling").
 
-use super::{Ecef, OrientedBox, Point, SEMI_MAJOR_M, SEMI_MINOR_M};
+use super::{Ecef, FLATTENING, OrientedBox, Point, SEMI_MAJOR_M, SEMI_MINOR_M};
 use glam::DVec3;
 
 /// The part of space that the solid Earth hides from an eye. The Earth is taken as the WGS84 ellipsoid lowered by
@@ -14,7 +14,11 @@ pub struct HorizonCone {
 }
 
 impl HorizonCone {
+    /// `sunk_m` is at least the depth of the lowest ground.
     pub fn new(eye: Point<Ecef>, sunk_m: f64) -> Self {
+        // The ellipsoid of axes a − s, b − s reaches up to s·f²/2 above the surface that lies s below the ground all
+        // over; a little deeper it is inside.
+        let sunk_m = sunk_m * (1.0 + FLATTENING * FLATTENING);
         let inverse_radii = 1.0 / DVec3::new(SEMI_MAJOR_M - sunk_m, SEMI_MAJOR_M - sunk_m, SEMI_MINOR_M - sunk_m);
         let scaled = eye.xyz() * inverse_radii;
         Self { inverse_radii, eye: scaled, magnitude_sq: scaled.length_squared() - 1.0 }

@@ -5,12 +5,16 @@
 mod bounds;
 mod ellipsoid;
 mod frame;
+mod geodesic;
+mod geoid;
 mod horizon;
 
 pub use bounds::{GeoBounds, OrientedBox};
 pub use ellipsoid::{
-    ECCENTRICITY_SQ, FLATTENING, Geodetic, SEMI_MAJOR_M, SEMI_MINOR_M, ellipsoid_normal, meridian_radius_m,
+    ECCENTRICITY_SQ, Ellipsoid, FLATTENING, Geodetic, SEMI_MAJOR_M, SEMI_MINOR_M, ellipsoid_normal, meridian_radius_m,
     prime_vertical_radius_m,
 };
 pub use frame::{Ecef, Enu, Point, Transform, Vector};
+pub use geodesic::Course;
+pub use geoid::VerticalDatum;
 pub use horizon::HorizonCone;

@@ -1,1 +1,71 @@
-fn main() {}
+//! The program `stoop`: flies worlds and tells what is in them.
+
+mod check;
+mod cli;
+mod export;
+mod export_terrain;
+mod fly;
+mod info;
+mod place;
+mod probe;
+mod shot;
+
+use clap::{Parser, Subcommand};
+use std::path::PathBuf;
+use std::process::ExitCode;
+
+/// Flies from the whole Earth to a doorstep over worlds that stoop-prepare made.
+#[derive(Parser)]
+#[command(name = "stoop", version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Option<Command>,
+    /// Worlds to open in a window; the default world when none is named
+    #[arg(value_name = "WORLD")]
+    worlds: Vec<PathBuf>,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  stoop fly tiles/default/world --path tiles/default/helsinki.json --frames pictures --every-secs 1
+  stoop shot tiles/default/world --lon-deg 24.95 --lat-deg 60.17 --height-m 2000 --pitch-deg -60 --out city.png
+  stoop info tiles/default/world";
+
+#[derive(Subcommand)]
+enum Command {
+    /// A headless flight: pictures, figures per frame, a report
+    Fly(Box<fly::Arguments>),
+    /// One settled picture
+    Shot(shot::Arguments),
+    /// What is in a world: layers, levels, pages, bytes, objects
+    Info(info::Arguments),
+    /// Verify every page, checksum, bound and link, or the world against its sources
+    Check(check::Arguments),
+    /// Ground height, finest cell and objects at a place
+    Probe(probe::Arguments),
+    /// Write a collection as GeoJSON or terrain as GeoTIFF
+    Export(export::Arguments),
+}
+
+fn main() -> ExitCode {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) => return cli::explain_usage(&error),
+    };
+    match run(arguments) {
+        Ok(code) => code,
+        Err(error) => cli::explain(&error),
+    }
+}
+
+fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    match arguments.command {
+        Some(Command::Fly(arguments)) => fly::run(*arguments),
+        Some(Command::Shot(arguments)) => shot::run(arguments),
+        Some(Command::Info(arguments)) => info::run(arguments),
+        Some(Command::Check(arguments)) => check::run(arguments),
+        Some(Command::Probe(arguments)) => probe::run(arguments),
+        Some(Command::Export(arguments)) => export::run(arguments),
+        None => Err(cli::NotYet::new("the window", "fly headless with `stoop fly WORLD --path FILE`").into()),
+    }
+}

@@ -1,0 +1,89 @@
+// Objects: walls and roofs in their own colours, lit by the sun and the sky, lifted on to the drawn ground.
+
+// What all triangles of an object share.
+struct ObjectRecord {
+    // Middle of the footprint's box at the base, from the mesh's origin, metres.
+    place_m: vec3<f32>,
+    // The number in the id picture.
+    id: u32,
+    // sRGB, red in the lowest byte.
+    wall_color: u32,
+    roof_color: u32,
+    spare: vec2<u32>,
+}
+
+// A page in this frame.
+struct ObjectsPlace {
+    // Of the mesh's origin from the eye, metres.
+    offset: vec3<f32>,
+    spare: f32,
+}
+
+@group(1) @binding(0) var<storage, read> places: array<ObjectsPlace>;
+@group(2) @binding(0) var<storage, read> records: array<ObjectRecord>;
+// How far the drawn ground lies above each object's base, metres.
+@group(2) @binding(1) var<storage, read> lifts: array<f32>;
+
+struct ObjectVertex {
+    @location(0) position_m: vec3<f32>,
+    // Object, azimuth, surface in 16, 8, 8 bits from the lowest.
+    @location(1) packed: u32,
+}
+
+struct ObjectVarying {
+    @builtin(position) position: vec4<f32>,
+    @location(0) color: vec3<f32>,
+    @location(1) @interpolate(flat) id: u32,
+}
+
+struct Aov {
+    @location(0) color: vec4<f32>,
+    @location(1) id: u32,
+    @location(2) depth_m: f32,
+}
+
+const SUNLIGHT: vec3<f32> = vec3<f32>(0.95, 0.91, 0.82);
+const SKYLIGHT: vec3<f32> = vec3<f32>(0.36, 0.41, 0.48);
+// Walls are darker towards the ground within this height.
+const SHADE_M: f32 = 10.0;
+
+fn lit(albedo: vec3<f32>, normal: vec3<f32>, up: vec3<f32>, above_base_m: f32) -> vec3<f32> {
+    let sky = SKYLIGHT * (0.5 + 0.5 * dot(normal, up)) + vec3<f32>(0.06, 0.055, 0.045);
+    let sun = SUNLIGHT * max(dot(normal, frame.sun.xyz), 0.0);
+    let shade = mix(0.72, 1.0, smoothstep(0.0, SHADE_M, above_base_m));
+    return albedo * (sky * shade + sun * mix(0.9, 1.0, shade)) * mix(0.04, 1.0, daylight(up));
+}
+
+@vertex
+fn vs_main(vertex: ObjectVertex, @builtin(instance_index) instance: u32) -> ObjectVarying {
+    let index = vertex.packed & 0xffffu;
+    let turn = f32(vertex.packed >> 16u & 0xffu) * (6.2831853 / 256.0);
+    let is_roof = vertex.packed >> 24u != 0u;
+    let record = records[index];
+    let offset = places[instance].offset;
+    let place = record.place_m + offset;
+    let up = up_at(place);
+    // Ground that is pressed down takes the objects on it along, but never below their base.
+    let lift_m = max(lifts[index] - press_at(place), 0.0);
+    let from_eye = vertex.position_m + offset + up * lift_m;
+    let east = east_at(up);
+    let wall = cos(turn) * east + sin(turn) * cross(up, east);
+    let normal = select(wall, up, is_roof);
+    let albedo = linear_from_srgb(unpack4x8unorm(select(record.wall_color, record.roof_color, is_roof)).rgb);
+    let above_base_m = select(dot(vertex.position_m - record.place_m, up), SHADE_M, is_roof);
+    var out: ObjectVarying;
+    out.position = frame.clip_from_eye * vec4<f32>(from_eye, 1.0);
+    out.color = through_air(lit(albedo, normal, up, above_base_m), from_eye, height_at(from_eye), up);
+    out.id = record.id;
+    return out;
+}
+
+@fragment
+fn fs_color(in: ObjectVarying) -> @location(0) vec4<f32> {
+    return vec4<f32>(in.color, 1.0);
+}
+
+@fragment
+fn fs_aov(in: ObjectVarying) -> Aov {
+    return Aov(vec4<f32>(in.color, 1.0), in.id, 1.0 / in.position.w);
+}

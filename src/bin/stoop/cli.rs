@@ -1,0 +1,166 @@
+//! What the subcommands share: values as people write them, and errors of one line.
+
+use std::fmt;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use stoop::units::ByteSize;
+
+/// Exit status for wrong usage; 1 stands for work that failed.
+pub const USAGE: u8 = 2;
+
+/// Something that the design names and this version cannot do.
+#[derive(Debug)]
+pub struct NotYet {
+    what: String,
+    instead: String,
+}
+
+impl NotYet {
+    pub fn new(what: impl Into<String>, instead: impl Into<String>) -> Self {
+        Self { what: what.into(), instead: instead.into() }
+    }
+}
+
+impl fmt::Display for NotYet {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} is not supported by this version: {}", self.what, self.instead)
+    }
+}
+
+impl std::error::Error for NotYet {}
+
+/// Arguments that parse one by one and make no sense together.
+#[derive(Debug)]
+pub struct WrongUsage(pub String);
+
+impl fmt::Display for WrongUsage {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.0)
+    }
+}
+
+impl std::error::Error for WrongUsage {}
+
+/// Prints an error in one line and chooses the exit status.
+pub fn explain(error: &anyhow::Error) -> ExitCode {
+    eprintln!("stoop: {}", one_line(&format!("{error:#}")));
+    if error.is::<NotYet>() || error.is::<WrongUsage>() { ExitCode::from(USAGE) } else { ExitCode::FAILURE }
+}
+
+/// Help and version as they are; errors of usage in one line.
+pub fn explain_usage(error: &clap::Error) -> ExitCode {
+    if !error.use_stderr() {
+        return if error.print().is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE };
+    }
+    let text = error.to_string();
+    // Clap adds usage and hints in paragraphs of their own.
+    let said = text.split("\n\nUsage:").next().and_then(|said| said.split("\n\nFor more").next()).unwrap_or(&text);
+    let said = one_line(said.trim_start_matches("error: "));
+    eprintln!("stoop: {}; see --help", said.trim_end_matches('.'));
+    ExitCode::from(USAGE)
+}
+
+fn one_line(text: &str) -> String {
+    text.split_whitespace().collect::<Vec<_>>().join(" ")
+}
+
+/// A picture's size as people write it: `640x360`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SizePx(pub [u32; 2]);
+
+impl std::str::FromStr for SizePx {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let side = |digits: &str| digits.parse::<u32>().ok().filter(|side| (1..=8192).contains(side));
+        text.split_once('x').and_then(|(width, height)| Some(Self([side(width)?, side(height)?]))).ok_or_else(|| {
+            format!("{text:?} is no size in pixels: write WIDTHxHEIGHT, each 1 to 8192, such as 640x360")
+        })
+    }
+}
+
+/// A finite number above 0.
+pub fn positive(text: &str) -> Result<f64, String> {
+    number(text).and_then(|value| if value > 0.0 { Ok(value) } else { Err("must be above 0".into()) })
+}
+
+/// A finite number.
+pub fn number(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err("must be a number".into()),
+    }
+}
+
+/// A number from −90 to 90.
+pub fn latitude(text: &str) -> Result<f64, String> {
+    number(text).and_then(|value| if value.abs() <= 90.0 { Ok(value) } else { Err("must be from -90 to 90".into()) })
+}
+
+/// A number from −360 to 360.
+pub fn longitude(text: &str) -> Result<f64, String> {
+    number(text).and_then(|value| if value.abs() <= 360.0 { Ok(value) } else { Err("must be from -360 to 360".into()) })
+}
+
+/// A field of view: above 0 and below 180 degrees.
+pub fn field_of_view(text: &str) -> Result<f64, String> {
+    positive(text).and_then(|value| if value < 180.0 { Ok(value) } else { Err("must be below 180".into()) })
+}
+
+/// Bytes with KiB, MiB or GiB.
+pub fn bytes(text: &str) -> Result<ByteSize, String> {
+    text.parse().map_err(|error: stoop::units::ByteSizeError| error.to_string())
+}
+
+/// Makes sure that a folder is there to write into.
+pub fn make_folder(folder: &PathBuf) -> anyhow::Result<()> {
+    use anyhow::Context;
+    std::fs::create_dir_all(folder)
+        .with_context(|| format!("cannot make the folder {}: check its place and rights", folder.display()))
+}
+
+/// West, south, east, north in degrees as people write them: `-122.6,37.7,-122.3,37.9`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoundsDeg(pub [f64; 4]);
+
+impl std::str::FromStr for BoundsDeg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let bad = || format!("{text:?} are no bounds: write WEST,SOUTH,EAST,NORTH in degrees, west below east");
+        let numbers: Vec<f64> = text.split(',').map(number).collect::<Result<_, _>>().map_err(|_| bad())?;
+        let [west, south, east, north] = numbers.try_into().map_err(|_| bad())?;
+        let fits = west < east && south < north && west >= -180.0 && east <= 180.0 && south >= -90.0 && north <= 90.0;
+        fits.then_some(Self([west, south, east, north])).ok_or_else(bad)
+    }
+}
+
+/// Writes a file under a temporary name beside it and renames it once it is whole: a failure leaves nothing.
+pub fn write_whole(
+    path: &std::path::Path,
+    write: impl FnOnce(&mut dyn std::io::Write) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    use anyhow::Context;
+    use std::io::Write;
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(".partial");
+    let partial = path.with_file_name(name);
+    let attempt = || -> anyhow::Result<()> {
+        let mut file = std::io::BufWriter::new(std::fs::File::create(&partial)?);
+        write(&mut file)?;
+        file.flush()?;
+        std::fs::rename(&partial, path)?;
+        Ok(())
+    };
+    attempt().map_err(|error| {
+        // The file may never have come to be; the first error is the one to tell.
+        drop(std::fs::remove_file(&partial));
+        error
+    })
+    .with_context(|| format!("cannot write {}: check its folder, rights and free space", path.display()))
+}
+
+/// The exit status of a check.
+pub fn clean(is_clean: bool) -> ExitCode {
+    if is_clean { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}

@@ -1,0 +1,5 @@
+//! One frame, in order.
+
+mod report;
+
+pub use report::{FrameReport, FrameTimings};

@@ -1,0 +1,74 @@
+//! What one frame did and cost: feeds the display, the tests, the charts and the logs.
+
+use serde::Serialize;
+
+/// Counts and measures of one frame. Everything but `timings` follows from the input alone in lock-step runs.
+#[derive(Clone, Debug, Default, PartialEq, Serialize)]
+pub struct FrameReport {
+    pub frame: u64,
+    /// Time on the flight's clock, seconds.
+    pub t_s: f64,
+    /// The tolerance that the front was cut to: the one asked for, or more where the footprint did not hold that front.
+    pub tolerance_drawn_px: f64,
+    /// Detail debt: sum over the layers of the screen-weighted mean excess, px.
+    pub debt_px: f64,
+    pub excess_max_px: f64,
+    pub excess_p99_px: f64,
+    /// Largest drawn screen error, curable or not, px.
+    pub raw_error_px: f64,
+    /// Share of the screen with excess 0.
+    pub coverage: f64,
+    pub cells_tested: u32,
+    pub cells_culled: u32,
+    pub cells_drawn: u32,
+    /// Drawn cells that lie where the frame before drew another level.
+    pub level_switches: u32,
+    pub objects_tested: u32,
+    pub objects_drawn: u32,
+    pub objects_culled: u32,
+    pub triangles: u64,
+    pub draw_calls: u32,
+    /// Pages of the front that were not there.
+    pub pages_missing: u32,
+    /// Varadhan's renderer would have stood still for a page of this frame's front.
+    pub would_have_waited: bool,
+    pub ground_pressed: bool,
+    /// Of reads that ended in this frame.
+    pub bytes_read: u64,
+    /// Reads that did not start where the one before ended.
+    pub seeks: u64,
+    pub requests: u64,
+    pub cancelled: u64,
+    /// Reads that failed or met a broken page.
+    pub failed: u64,
+    pub evicted: u64,
+    pub in_flight: u64,
+    pub resident_pages: u64,
+    /// Bytes allocated for pages, GPU arenas, decode scratch and index, at their highest in this frame.
+    pub footprint_bytes: u64,
+    /// Pixels that the settled frame covers and this one does not; `None` where not audited.
+    pub holes: Option<u64>,
+    #[serde(skip)]
+    pub timings: FrameTimings,
+}
+
+/// Where a frame's time went, milliseconds of the real clock.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
+pub struct FrameTimings {
+    /// From the start of the frame to its pixels.
+    pub frame_ms: f64,
+    /// Taking in what arrived: decoding where the run serves its own reads, uploads.
+    pub complete_ms: f64,
+    pub select_ms: f64,
+    pub manage_ms: f64,
+    pub lift_ms: f64,
+    /// Building meshes, recording and waiting for the pixels. On a software renderer this is drawing itself.
+    pub render_ms: f64,
+}
+
+impl FrameTimings {
+    /// Time of all stages before the GPU's work.
+    pub fn cpu_ms(&self) -> f64 {
+        self.complete_ms + self.select_ms + self.manage_ms + self.lift_ms
+    }
+}

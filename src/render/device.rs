@@ -1,0 +1,129 @@
+//! The adapter, the device and its errors.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+#[derive(Debug, thiserror::Error)]
+pub enum RenderError {
+    #[error(
+        "no graphics adapter was found ({0}): install a Vulkan driver; without a graphics card the software driver \
+         of the Debian package mesa-vulkan-drivers will do"
+    )]
+    NoAdapter(String),
+    #[error("the graphics adapter {name} gives no device: {cause}")]
+    NoDevice { name: String, cause: String },
+    #[error("the graphics device failed: {0}; update its driver or choose a smaller picture or footprint")]
+    Device(String),
+    #[error("{what} was not drawn: ask for it in the options of the frame before reading it")]
+    NotDrawn { what: &'static str },
+    #[error("a picture of {0} x {1} pixels cannot be drawn: both sides must be 1 to {2}")]
+    Size(u32, u32, u32),
+}
+
+/// Device and queue, and the first error that was not tied to a call.
+#[derive(Clone, Debug)]
+pub(super) struct Gpu {
+    pub device: wgpu::Device,
+    pub queue: wgpu::Queue,
+    pub adapter_name: String,
+    failure: Arc<Mutex<Option<String>>>,
+}
+
+impl Gpu {
+    pub fn headless() -> Result<Self, RenderError> {
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        let options = wgpu::RequestAdapterOptions {
+            power_preference: wgpu::PowerPreference::HighPerformance,
+            ..Default::default()
+        };
+        let adapter = pollster::block_on(instance.request_adapter(&options))
+            .map_err(|cause| RenderError::NoAdapter(cause.to_string()))?;
+        Self::from_adapter(&adapter)
+    }
+
+    pub fn from_adapter(adapter: &wgpu::Adapter) -> Result<Self, RenderError> {
+        let info = adapter.get_info();
+        let descriptor = wgpu::DeviceDescriptor {
+            label: Some("stoop"),
+            required_limits: wgpu::Limits { max_texture_array_layers: 256, ..Default::default() },
+            // Small blocks: what is allocated should not outgrow what the arenas account for.
+            memory_hints: wgpu::MemoryHints::MemoryUsage,
+            ..Default::default()
+        };
+        let (device, queue) = pollster::block_on(adapter.request_device(&descriptor))
+            .map_err(|cause| RenderError::NoDevice { name: info.name.clone(), cause: cause.to_string() })?;
+        let failure = Arc::new(Mutex::new(None));
+        let sink = Arc::clone(&failure);
+        device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
+            sink.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| error.to_string());
+        }));
+        Ok(Self { device, queue, adapter_name: format!("{} ({:?})", info.name, info.backend), failure })
+    }
+
+    /// The first failure since the last call.
+    pub fn check(&self) -> Result<(), RenderError> {
+        match self.failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
+            Some(message) => Err(RenderError::Device(message)),
+            None => Ok(()),
+        }
+    }
+
+    /// Waits until all that was submitted is done.
+    pub fn wait(&self) -> Result<(), RenderError> {
+        self.device
+            .poll(wgpu::PollType::wait_indefinitely())
+            .map_err(|cause| RenderError::Device(cause.to_string()))?;
+        self.check()
+    }
+
+    pub fn buffer(&self, label: &str, usage: wgpu::BufferUsages, size: u64) -> wgpu::Buffer {
+        self.device.create_buffer(&wgpu::BufferDescriptor {
+            label: Some(label),
+            size,
+            usage: usage | wgpu::BufferUsages::COPY_DST,
+            mapped_at_creation: false,
+        })
+    }
+
+    /// A new buffer with these bytes, whose number must be a multiple of 4 and above 0.
+    pub fn filled_buffer(&self, label: &str, usage: wgpu::BufferUsages, bytes: &[u8]) -> wgpu::Buffer {
+        let buffer = self.buffer(label, usage, bytes.len() as u64);
+        self.queue.write_buffer(&buffer, 0, bytes);
+        buffer
+    }
+}
+
+/// A storage buffer of the frame that grows as needed, with its bind group.
+#[derive(Debug)]
+pub(super) struct FrameStorage {
+    label: &'static str,
+    layout: wgpu::BindGroupLayout,
+    buffer: wgpu::Buffer,
+    group: wgpu::BindGroup,
+}
+
+impl FrameStorage {
+    pub fn new(gpu: &Gpu, label: &'static str, layout: &wgpu::BindGroupLayout) -> Self {
+        let (buffer, group) = Self::allocate(gpu, label, layout, 4096);
+        Self { label, layout: layout.clone(), buffer, group }
+    }
+
+    fn allocate(gpu: &Gpu, label: &str, layout: &wgpu::BindGroupLayout, size: u64) -> (wgpu::Buffer, wgpu::BindGroup) {
+        let buffer = gpu.buffer(label, wgpu::BufferUsages::STORAGE, size);
+        let entries = [wgpu::BindGroupEntry { binding: 0, resource: buffer.as_entire_binding() }];
+        let group =
+            gpu.device.create_bind_group(&wgpu::BindGroupDescriptor { label: Some(label), layout, entries: &entries });
+        (buffer, group)
+    }
+
+    pub fn write(&mut self, gpu: &Gpu, bytes: &[u8]) {
+        let size = bytes.len() as u64;
+        if size > self.buffer.size() {
+            (self.buffer, self.group) = Self::allocate(gpu, self.label, &self.layout, size.next_power_of_two());
+        }
+        gpu.queue.write_buffer(&self.buffer, 0, bytes);
+    }
+
+    pub fn group(&self) -> &wgpu::BindGroup {
+        &self.group
+    }
+}

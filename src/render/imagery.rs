@@ -1,0 +1,181 @@
+//! Pictures on the GPU: layers of texture arrays that are allocated and freed in chunks.
+
+use super::device::Gpu;
+use super::renderer::ArenaFull;
+use crate::content::{IMAGERY_STORED_PX, ImageryPage};
+use crate::forest::CellId;
+use std::collections::HashMap;
+
+/// Most layers of a chunk: 2.8 MB at a time, of which what no picture uses is lost.
+const CHUNK_LAYERS: u32 = 8;
+/// 258, 129, …, 1.
+const MIP_LEVELS: u32 = IMAGERY_STORED_PX.ilog2() + 1;
+const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
+
+/// Where a picture lies.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct ImageryPlace {
+    pub chunk: usize,
+    pub layer: u32,
+}
+
+#[derive(Debug)]
+struct Chunk {
+    texture: wgpu::Texture,
+    group: wgpu::BindGroup,
+    free: Vec<u32>,
+}
+
+#[derive(Debug)]
+pub(super) struct ImageryArena {
+    limit_bytes: u64,
+    chunk_layers: u32,
+    pub layout: wgpu::BindGroupLayout,
+    sampler: wgpu::Sampler,
+    /// Bound where there is no picture.
+    none: Chunk,
+    chunks: Vec<Option<Chunk>>,
+    places: HashMap<CellId, ImageryPlace>,
+}
+
+fn mip_side(level: u32) -> u32 {
+    (IMAGERY_STORED_PX >> level).max(1)
+}
+
+/// Bytes of a picture with its mips.
+pub(super) fn layer_bytes() -> u64 {
+    (0..MIP_LEVELS).map(|level| 4 * u64::from(mip_side(level)).pow(2)).sum()
+}
+
+impl ImageryArena {
+    pub fn new(gpu: &Gpu, limit_bytes: u64) -> Self {
+        let layout = layout(gpu);
+        let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
+            label: Some("imagery"),
+            mag_filter: wgpu::FilterMode::Linear,
+            min_filter: wgpu::FilterMode::Linear,
+            mipmap_filter: wgpu::MipmapFilterMode::Linear,
+            ..Default::default()
+        });
+        let none = chunk(gpu, &layout, &sampler, 1, 1);
+        // A limit of a few pictures gives a chunk of a few pictures.
+        let chunk_layers = (limit_bytes / layer_bytes()).min(u64::from(CHUNK_LAYERS)) as u32;
+        Self { limit_bytes, chunk_layers, layout, sampler, none, chunks: Vec::new(), places: HashMap::new() }
+    }
+
+    fn chunk_bytes(&self) -> u64 {
+        u64::from(self.chunk_layers) * layer_bytes()
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.chunks.iter().flatten().count() as u64 * self.chunk_bytes()
+    }
+
+    pub fn place(&self, cell: CellId) -> Option<ImageryPlace> {
+        self.places.get(&cell).copied()
+    }
+
+    /// The bind group of a chunk, or of no picture.
+    pub fn group(&self, chunk: Option<usize>) -> &wgpu::BindGroup {
+        let chunk = chunk.and_then(|index| self.chunks.get(index)?.as_ref());
+        &chunk.unwrap_or(&self.none).group
+    }
+
+    pub fn upload(&mut self, gpu: &Gpu, page: &ImageryPage) -> Result<u64, ArenaFull> {
+        if !self.places.contains_key(&page.cell) {
+            let place = self.take_layer(gpu)?;
+            self.write(gpu, place, page);
+            self.places.insert(page.cell, place);
+        }
+        Ok(layer_bytes())
+    }
+
+    fn take_layer(&mut self, gpu: &Gpu) -> Result<ImageryPlace, ArenaFull> {
+        for (chunk, slot) in self.chunks.iter_mut().enumerate() {
+            if let Some(layer) = slot.as_mut().and_then(|slot| slot.free.pop()) {
+                return Ok(ImageryPlace { chunk, layer });
+            }
+        }
+        if self.chunk_layers == 0 || self.bytes() + self.chunk_bytes() > self.limit_bytes {
+            return Err(ArenaFull { needed_bytes: layer_bytes(), limit_bytes: self.limit_bytes });
+        }
+        let mut fresh = chunk(gpu, &self.layout, &self.sampler, self.chunk_layers, IMAGERY_STORED_PX);
+        let layer = fresh.free.pop().unwrap_or(0);
+        let chunk = self.chunks.iter().position(Option::is_none).unwrap_or(self.chunks.len());
+        if chunk == self.chunks.len() {
+            self.chunks.push(None);
+        }
+        self.chunks[chunk] = Some(fresh);
+        Ok(ImageryPlace { chunk, layer })
+    }
+
+    fn write(&self, gpu: &Gpu, place: ImageryPlace, page: &ImageryPage) {
+        let Some(chunk) = &self.chunks[place.chunk] else { return };
+        for (level, texels) in (0..MIP_LEVELS).zip(&page.mips) {
+            let side = mip_side(level);
+            debug_assert_eq!(texels.len(), 4 * (side * side) as usize, "mip {level} of {}", page.cell);
+            gpu.queue.write_texture(
+                wgpu::TexelCopyTextureInfo {
+                    texture: &chunk.texture,
+                    mip_level: level,
+                    origin: wgpu::Origin3d { x: 0, y: 0, z: place.layer },
+                    aspect: wgpu::TextureAspect::All,
+                },
+                texels,
+                wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * side), rows_per_image: Some(side) },
+                wgpu::Extent3d { width: side, height: side, depth_or_array_layers: 1 },
+            );
+        }
+    }
+
+    pub fn remove(&mut self, cell: CellId) {
+        let Some(place) = self.places.remove(&cell) else { return };
+        let slot = &mut self.chunks[place.chunk];
+        if let Some(chunk) = slot {
+            chunk.free.push(place.layer);
+            if chunk.free.len() as u32 == self.chunk_layers {
+                *slot = None;
+            }
+        }
+    }
+}
+
+fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
+    let entry =
+        |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::FRAGMENT, ty, count: None };
+    let texture = wgpu::BindingType::Texture {
+        sample_type: wgpu::TextureSampleType::Float { filterable: true },
+        view_dimension: wgpu::TextureViewDimension::D2Array,
+        multisampled: false,
+    };
+    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some("imagery"),
+        entries: &[entry(0, texture), entry(1, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering))],
+    })
+}
+
+fn chunk(gpu: &Gpu, layout: &wgpu::BindGroupLayout, sampler: &wgpu::Sampler, layers: u32, side: u32) -> Chunk {
+    let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
+        label: Some("imagery"),
+        size: wgpu::Extent3d { width: side, height: side, depth_or_array_layers: layers },
+        mip_level_count: side.ilog2() + 1,
+        sample_count: 1,
+        dimension: wgpu::TextureDimension::D2,
+        format: FORMAT,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        view_formats: &[],
+    });
+    let view = texture.create_view(&wgpu::TextureViewDescriptor {
+        dimension: Some(wgpu::TextureViewDimension::D2Array),
+        ..Default::default()
+    });
+    let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+        label: Some("imagery"),
+        layout,
+        entries: &[
+            wgpu::BindGroupEntry { binding: 0, resource: wgpu::BindingResource::TextureView(&view) },
+            wgpu::BindGroupEntry { binding: 1, resource: wgpu::BindingResource::Sampler(sampler) },
+        ],
+    });
+    Chunk { texture, group, free: (0..layers).rev().collect() }
+}

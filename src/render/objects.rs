@@ -1,0 +1,259 @@
+//! The objects pass and its arena of pages.
+
+use super::device::{FrameStorage, Gpu};
+use super::eye::eye_relative;
+use super::ids::id_of_object;
+use super::layout::OBJECTS_WGSL;
+use super::meshes::packed_indices;
+use super::pass::{PassShape, Pipelines, storage_layout};
+use super::renderer::ArenaFull;
+use crate::camera::View;
+use crate::content::{ObjectMesh, ObjectPage, ObjectVertex, Page, PageId};
+use crate::geodesy::{Ecef, Point};
+use crate::select::DrawObjects;
+use bytemuck::{Pod, Zeroable};
+use std::collections::HashMap;
+use std::ops::Range;
+
+/// Mirrors `ObjectRecord` in objects.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub(super) struct ObjectRecord {
+    pub place_m: [f32; 3],
+    pub id: u32,
+    pub wall_color: u32,
+    pub roof_color: u32,
+    pub spare: [u32; 2],
+}
+
+/// Mirrors `ObjectsPlace` in objects.wgsl.
+#[repr(C)]
+#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
+pub(super) struct ObjectsPlace {
+    pub offset: [f32; 3],
+    pub spare: f32,
+}
+
+/// Mirrors `ObjectVertex` in objects.wgsl: object, azimuth and surface are one word there.
+pub(super) const ATTRIBUTES: [wgpu::VertexAttribute; 2] = wgpu::vertex_attr_array![0 => Float32x3, 1 => Uint32];
+
+/// A page on the GPU.
+#[derive(Debug)]
+struct ResidentPage {
+    vertices: wgpu::Buffer,
+    indices: wgpu::Buffer,
+    format: wgpu::IndexFormat,
+    lifts: wgpu::Buffer,
+    group: wgpu::BindGroup,
+    origin: Point<Ecef>,
+    objects: usize,
+    bytes: u64,
+}
+
+/// What is to be drawn of a page in this frame.
+#[derive(Debug)]
+pub(super) struct ObjectsItem {
+    page: PageId,
+    ranges: Vec<Range<u32>>,
+    place: ObjectsPlace,
+}
+
+/// Counts of what was prepared for drawing.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct ObjectsCount {
+    pub triangles: u64,
+    pub missing: u32,
+}
+
+#[derive(Debug)]
+pub(super) struct ObjectsPass {
+    pipelines: Pipelines,
+    places: FrameStorage,
+    page_layout: wgpu::BindGroupLayout,
+    limit_bytes: u64,
+    bytes: u64,
+    pages: HashMap<PageId, ResidentPage>,
+}
+
+impl ObjectsPass {
+    pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout, limit_bytes: u64) -> Self {
+        let (place_layout, page_layout) = (storage_layout(gpu, "places", 1), storage_layout(gpu, "page", 2));
+        let shape = PassShape {
+            label: "objects",
+            source: OBJECTS_WGSL,
+            groups: &[frame, &place_layout, &page_layout],
+            vertices: Some(wgpu::VertexBufferLayout {
+                array_stride: size_of::<ObjectVertex>() as u64,
+                step_mode: wgpu::VertexStepMode::Vertex,
+                attributes: &ATTRIBUTES,
+            }),
+            backdrop: false,
+        };
+        Self {
+            pipelines: Pipelines::new(gpu, &shape),
+            places: FrameStorage::new(gpu, "places", &place_layout),
+            page_layout,
+            limit_bytes,
+            bytes: 0,
+            pages: HashMap::new(),
+        }
+    }
+
+    pub fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    pub fn upload(&mut self, gpu: &Gpu, page: &ObjectPage, mesh: &ObjectMesh) -> Result<u64, ArenaFull> {
+        let id = page_id(page);
+        if let Some(resident) = self.pages.get(&id) {
+            return Ok(resident.bytes);
+        }
+        if mesh.indices.is_empty() || page.objects.is_empty() {
+            return Ok(0);
+        }
+        let bytes = page_bytes(page, mesh);
+        if self.bytes + bytes > self.limit_bytes {
+            return Err(ArenaFull { needed_bytes: bytes, limit_bytes: self.limit_bytes });
+        }
+        self.pages.insert(id, self.resident(gpu, page, mesh, bytes));
+        self.bytes += bytes;
+        Ok(bytes)
+    }
+
+    fn resident(&self, gpu: &Gpu, page: &ObjectPage, mesh: &ObjectMesh, bytes: u64) -> ResidentPage {
+        let (indices, format) = packed_indices(&mesh.indices, mesh.vertices.len());
+        let storage = wgpu::BufferUsages::STORAGE;
+        let records = gpu.filled_buffer("object records", storage, bytemuck::cast_slice(&records(page)));
+        let lifts = gpu.buffer("object lifts", storage, 4 * page.objects.len() as u64);
+        let group = gpu.device.create_bind_group(&wgpu::BindGroupDescriptor {
+            label: Some("object page"),
+            layout: &self.page_layout,
+            entries: &[
+                wgpu::BindGroupEntry { binding: 0, resource: records.as_entire_binding() },
+                wgpu::BindGroupEntry { binding: 1, resource: lifts.as_entire_binding() },
+            ],
+        });
+        let vertices = bytemuck::cast_slice(&mesh.vertices);
+        ResidentPage {
+            vertices: gpu.filled_buffer("object vertices", wgpu::BufferUsages::VERTEX, vertices),
+            indices: gpu.filled_buffer("object indices", wgpu::BufferUsages::INDEX, &indices),
+            format,
+            lifts,
+            group,
+            origin: page.origin,
+            objects: page.objects.len(),
+            bytes,
+        }
+    }
+
+    pub fn remove(&mut self, page: PageId) {
+        if let Some(resident) = self.pages.remove(&page) {
+            self.bytes -= resident.bytes;
+        }
+    }
+
+    /// How far the drawn ground lies above the base of each object of a page, metres, from the first; the objects
+    /// beyond the slice keep theirs.
+    pub fn set_lifts(&mut self, gpu: &Gpu, page: PageId, lifts_m: &[f32]) {
+        let Some(resident) = self.pages.get(&page) else { return };
+        let lifts_m = &lifts_m[..lifts_m.len().min(resident.objects)];
+        if !lifts_m.is_empty() {
+            gpu.queue.write_buffer(&resident.lifts, 0, bytemuck::cast_slice(lifts_m));
+        }
+    }
+
+    /// Puts the pages in order from near to far and writes what the shader needs of them.
+    pub fn prepare(&mut self, gpu: &Gpu, view: &View, draw: &[DrawObjects]) -> (Vec<ObjectsItem>, ObjectsCount) {
+        let mut count = ObjectsCount::default();
+        let mut items = Vec::with_capacity(draw.len());
+        for objects in draw {
+            let ranges = index_ranges(objects);
+            if ranges.is_empty() {
+                continue;
+            }
+            let page = page_id(&objects.page);
+            let Some(resident) = self.pages.get(&page) else {
+                count.missing += 1;
+                continue;
+            };
+            count.triangles += ranges.iter().map(|range| u64::from(range.end - range.start) / 3).sum::<u64>();
+            let offset = eye_relative(resident.origin, view);
+            items.push((
+                offset.length_squared(),
+                ObjectsItem { page, ranges, place: ObjectsPlace { offset: offset.to_array(), spare: 0.0 } },
+            ));
+        }
+        items.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let items: Vec<_> = items.into_iter().map(|(_, item)| item).collect();
+        let places: Vec<_> = items.iter().map(|item| item.place).collect();
+        self.places.write(gpu, bytemuck::cast_slice(&places));
+        (items, count)
+    }
+
+    /// Draws what was prepared; gives the number of draw calls.
+    pub fn draw(&self, pass: &mut wgpu::RenderPass, aov: bool, items: &[ObjectsItem]) -> u32 {
+        pass.set_pipeline(self.pipelines.get(aov));
+        pass.set_bind_group(1, self.places.group(), &[]);
+        let mut calls = 0;
+        for (instance, item) in (0..).zip(items) {
+            let Some(resident) = self.pages.get(&item.page) else { continue };
+            pass.set_bind_group(2, &resident.group, &[]);
+            pass.set_vertex_buffer(0, resident.vertices.slice(..));
+            pass.set_index_buffer(resident.indices.slice(..), resident.format);
+            for range in &item.ranges {
+                pass.draw_indexed(range.clone(), 0, instance..instance + 1);
+                calls += 1;
+            }
+        }
+        calls
+    }
+}
+
+fn page_id(page: &ObjectPage) -> PageId {
+    PageId { cell: page.root, kind: crate::content::PageKind::Objects { collection: page.collection, rep: page.rep } }
+}
+
+/// Bytes that a page takes on the GPU.
+pub(super) fn page_bytes(page: &ObjectPage, mesh: &ObjectMesh) -> u64 {
+    let index_size = if mesh.vertices.len() > usize::from(u16::MAX) { 4 } else { 2 };
+    let indices = (mesh.indices.len() * index_size).next_multiple_of(4);
+    let objects = page.objects.len() * (size_of::<ObjectRecord>() + size_of::<f32>());
+    (size_of_val(&*mesh.vertices) + indices + objects) as u64
+}
+
+fn records(page: &ObjectPage) -> Vec<ObjectRecord> {
+    let packed = |[r, g, b]: [u8; 3]| u32::from_le_bytes([r, g, b, 255]);
+    page.objects
+        .iter()
+        .map(|object| ObjectRecord {
+            place_m: (object.place - page.origin).xyz().as_vec3().to_array(),
+            id: id_of_object(page.collection, object.id),
+            wall_color: packed(object.wall_color),
+            roof_color: packed(object.roof_color),
+            spare: [0; 2],
+        })
+        .collect()
+}
+
+/// The indices to draw, with ranges that touch made one.
+fn index_ranges(draw: &DrawObjects) -> Vec<Range<u32>> {
+    let mut ranges: Vec<Range<u32>> = Vec::new();
+    for objects in &draw.objects {
+        let next = draw.page.indices_of(objects.clone());
+        match ranges.last_mut() {
+            _ if next.is_empty() => {}
+            Some(last) if last.end == next.start => last.end = next.end,
+            _ => ranges.push(next),
+        }
+    }
+    ranges
+}
+
+/// Bytes that a page takes on the GPU, whatever its kind; terrain takes none until it is drawn.
+pub(super) fn gpu_bytes(page: &Page) -> u64 {
+    match page {
+        Page::Terrain(_) => 0,
+        Page::Imagery(_) => super::imagery::layer_bytes(),
+        Page::Objects(page, mesh) => page_bytes(page, mesh),
+    }
+}

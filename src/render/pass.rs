@@ -1,0 +1,105 @@
+//! What the passes share: pipelines with and without the id and depth targets, storage layouts.
+
+use super::device::Gpu;
+use super::targets::{COLOR_FORMAT, DEPTH_FORMAT, ID_FORMAT, METRES_FORMAT};
+
+/// What tells one pass from another.
+pub(super) struct PassShape<'a> {
+    pub label: &'a str,
+    pub source: &'a str,
+    pub groups: &'a [&'a wgpu::BindGroupLayout],
+    pub vertices: Option<wgpu::VertexBufferLayout<'a>>,
+    /// The sky: behind everything, writes no depth and no ids.
+    pub backdrop: bool,
+}
+
+/// A pass for frames with colour only and one for frames with ids and depths.
+#[derive(Debug)]
+pub(super) struct Pipelines {
+    color: wgpu::RenderPipeline,
+    aov: wgpu::RenderPipeline,
+}
+
+impl Pipelines {
+    pub fn new(gpu: &Gpu, shape: &PassShape) -> Self {
+        let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
+            label: Some(shape.label),
+            source: wgpu::ShaderSource::Wgsl(shape.source.into()),
+        });
+        let groups: Vec<_> = shape.groups.iter().map(|&group| Some(group)).collect();
+        let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
+            label: Some(shape.label),
+            bind_group_layouts: &groups,
+            immediate_size: 0,
+        });
+        let make = |aov| pipeline(gpu, shape, &module, &layout, aov);
+        Self { color: make(false), aov: make(true) }
+    }
+
+    pub fn get(&self, aov: bool) -> &wgpu::RenderPipeline {
+        if aov { &self.aov } else { &self.color }
+    }
+}
+
+fn pipeline(
+    gpu: &Gpu,
+    shape: &PassShape,
+    module: &wgpu::ShaderModule,
+    layout: &wgpu::PipelineLayout,
+    aov: bool,
+) -> wgpu::RenderPipeline {
+    let target = |format, write_mask| Some(wgpu::ColorTargetState { format, blend: None, write_mask });
+    let beside = if shape.backdrop { wgpu::ColorWrites::empty() } else { wgpu::ColorWrites::ALL };
+    let mut targets = vec![target(COLOR_FORMAT, wgpu::ColorWrites::ALL)];
+    if aov {
+        targets.extend([target(ID_FORMAT, beside), target(METRES_FORMAT, beside)]);
+    }
+    let compare = if shape.backdrop { wgpu::CompareFunction::Equal } else { wgpu::CompareFunction::Greater };
+    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(shape.label),
+        layout: Some(layout),
+        vertex: wgpu::VertexState {
+            module,
+            entry_point: Some("vs_main"),
+            compilation_options: Default::default(),
+            buffers: if shape.vertices.is_some() { std::slice::from_ref(&shape.vertices) } else { &[] },
+        },
+        primitive: wgpu::PrimitiveState {
+            cull_mode: (!shape.backdrop).then_some(wgpu::Face::Back),
+            ..Default::default()
+        },
+        depth_stencil: Some(wgpu::DepthStencilState {
+            format: DEPTH_FORMAT,
+            depth_write_enabled: Some(!shape.backdrop),
+            depth_compare: Some(compare),
+            stencil: Default::default(),
+            bias: Default::default(),
+        }),
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module,
+            entry_point: Some(if aov && !shape.backdrop { "fs_aov" } else { "fs_color" }),
+            compilation_options: Default::default(),
+            targets: &targets,
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}
+
+/// A layout of `count` read-only storage buffers.
+pub(super) fn storage_layout(gpu: &Gpu, label: &str, count: u32) -> wgpu::BindGroupLayout {
+    let entries: Vec<_> = (0..count)
+        .map(|binding| wgpu::BindGroupLayoutEntry {
+            binding,
+            visibility: wgpu::ShaderStages::VERTEX_FRAGMENT,
+            ty: wgpu::BindingType::Buffer {
+                ty: wgpu::BufferBindingType::Storage { read_only: true },
+                has_dynamic_offset: false,
+                min_binding_size: None,
+            },
+            count: None,
+        })
+        .collect();
+    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
+}

@@ -1,0 +1,256 @@
+//! One picture after the other: arenas, passes and targets together.
+
+use super::device::{Gpu, RenderError};
+use super::eye::eye_relative;
+use super::frame::{Frame, FrameGroup};
+use super::ids::{DrawnIds, IdOf};
+use super::imagery::{ImageryArena, ImageryPlace};
+use super::meshes::MeshArena;
+use super::objects::{ObjectsItem, ObjectsPass, gpu_bytes};
+use super::options::{DrawOptions, FrameStats, GpuLimits};
+use super::sky::SkyPass;
+use super::targets::Targets;
+use super::terrain::{Piece, TerrainItem, TerrainPass, texture_window};
+use crate::camera::View;
+use crate::content::{Page, PageId, PageKind};
+use crate::forest::CellId;
+use crate::select::{DrawPiece, Selection};
+
+/// A normal outcome: the caller drops something and tries again, or draws without.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{needed_bytes} bytes do not fit into an arena of {limit_bytes} bytes: drop a page or raise the footprint")]
+pub struct ArenaFull {
+    pub needed_bytes: u64,
+    pub limit_bytes: u64,
+}
+
+/// The largest mesh: all posts of a page with skirts must fit into the arena.
+const LEAST_MESH_BYTES: u64 = 256 << 10;
+
+/// Least depth of skirts as a share of the distance: a few roundings of f32.
+const SEAM: f32 = 1e-6;
+
+#[derive(Debug)]
+pub struct Renderer {
+    gpu: Gpu,
+    frame: FrameGroup,
+    imagery: ImageryArena,
+    meshes: MeshArena,
+    terrain: TerrainPass,
+    objects: ObjectsPass,
+    sky: SkyPass,
+    targets: Option<Targets>,
+    drawn: DrawnIds,
+}
+
+impl Renderer {
+    /// A renderer without a window, on the best adapter there is. Mesh arenas below 256 KiB count as 256 KiB.
+    pub fn new(limits: GpuLimits) -> Result<Self, RenderError> {
+        let gpu = Gpu::headless()?;
+        let frame = FrameGroup::new(&gpu);
+        let imagery = ImageryArena::new(&gpu, limits.imagery_bytes);
+        let renderer = Self {
+            terrain: TerrainPass::new(&gpu, &frame.layout, &imagery.layout),
+            objects: ObjectsPass::new(&gpu, &frame.layout, limits.objects_bytes),
+            sky: SkyPass::new(&gpu, &frame.layout),
+            meshes: MeshArena::new(limits.mesh_bytes.max(LEAST_MESH_BYTES)),
+            targets: None,
+            drawn: DrawnIds::default(),
+            imagery,
+            frame,
+            gpu,
+        };
+        renderer.gpu.check()?;
+        Ok(renderer)
+    }
+
+    /// Name of the adapter and its interface, for reports.
+    pub fn adapter_name(&self) -> &str {
+        &self.gpu.adapter_name
+    }
+
+    /// Bytes that [`Renderer::upload`] will take for a page.
+    pub fn gpu_bytes(page: &Page) -> u64 {
+        gpu_bytes(page)
+    }
+
+    /// Bytes held in all arenas; never above the sum of the limits.
+    pub fn allocated_bytes(&self) -> u64 {
+        self.imagery.bytes() + self.meshes.bytes() + self.objects.bytes()
+    }
+
+    /// Bytes held by the cache of terrain meshes alone.
+    pub fn mesh_bytes(&self) -> u64 {
+        self.meshes.bytes()
+    }
+
+    /// Takes a page over; gives the bytes that it takes of its arena. Terrain takes none: meshes are cut when drawn.
+    /// A page that is there already stays as it is.
+    pub fn upload(&mut self, page: &Page) -> Result<u64, ArenaFull> {
+        match page {
+            Page::Terrain(_) => Ok(0),
+            Page::Imagery(page) => self.imagery.upload(&self.gpu, page),
+            Page::Objects(page, mesh) => self.objects.upload(&self.gpu, page, mesh),
+        }
+    }
+
+    /// Drops a page; none that is not there.
+    pub fn remove(&mut self, page: PageId) {
+        match page.kind {
+            PageKind::Terrain => self.meshes.remove(page.cell),
+            PageKind::Imagery => self.imagery.remove(page.cell),
+            PageKind::Objects { .. } => self.objects.remove(page),
+        }
+    }
+
+    /// How far the drawn ground lies above the base of each object of a page, metres, 0 or more; in the order of the
+    /// page's objects. Without, all lifts are 0.
+    pub fn set_lifts(&mut self, page: PageId, lifts_m: &[f32]) {
+        self.objects.set_lifts(&self.gpu, page, lifts_m);
+    }
+
+    /// Draws a selection as the view sees it; the pictures stay until the next call. Submits without waiting.
+    pub fn draw(
+        &mut self,
+        view: &View,
+        selection: &Selection,
+        options: &DrawOptions,
+    ) -> Result<FrameStats, RenderError> {
+        self.fit_targets(view.size_px, options.aov)?;
+        self.frame.write(&self.gpu, &Frame::new(view, selection.press, options));
+        self.meshes.begin_frame();
+        self.drawn.clear();
+        let mut stats = FrameStats { pieces: selection.pieces.len() as u32, ..Default::default() };
+        let mut clear = true;
+        let mut items = Vec::with_capacity(selection.pieces.len());
+        for piece in near_to_far(view, &selection.pieces) {
+            let item = match self.terrain_item(view, piece, &mut stats) {
+                Ok(item) => item,
+                Err(_) => {
+                    // What is drawn so far makes room for the rest: slow, but without a hole.
+                    self.submit(&mut stats, &items, None, clear)?;
+                    self.gpu.wait()?;
+                    self.meshes.clear();
+                    items.clear();
+                    clear = false;
+                    stats.mesh_flushes += 1;
+                    match self.terrain_item(view, piece, &mut stats) {
+                        Ok(item) => item,
+                        Err(full) => return Err(RenderError::Device(full.to_string())),
+                    }
+                }
+            };
+            items.push(item);
+        }
+        let (objects, count) = self.objects.prepare(&self.gpu, view, &selection.objects);
+        stats.object_triangles = count.triangles;
+        stats.objects_missing = count.missing;
+        stats.triangles = stats.terrain_triangles + stats.object_triangles;
+        self.submit(&mut stats, &items, Some(&objects), clear)?;
+        self.gpu.check()?;
+        Ok(stats)
+    }
+
+    /// Waits until all that was drawn is done: what a frame really costs.
+    pub fn finish(&self) -> Result<(), RenderError> {
+        self.gpu.wait()
+    }
+
+    /// The last picture: sRGB RGBA, rows from the top.
+    pub fn read_color(&self) -> Result<Vec<u8>, RenderError> {
+        self.targets()?.read_color(&self.gpu)
+    }
+
+    /// The ids of the last picture (design: AOV), rows from the top; 0 is the sky.
+    pub fn read_ids(&self) -> Result<Vec<u32>, RenderError> {
+        self.targets()?.read_ids(&self.gpu)
+    }
+
+    /// Distances along the view axis in the last picture, metres, rows from the top; infinite for the sky.
+    pub fn read_depth_m(&self) -> Result<Vec<f32>, RenderError> {
+        self.targets()?.read_depth_m(&self.gpu)
+    }
+
+    /// What an id of the last picture stands for; `None` for the sky and for cells that were not drawn.
+    pub fn resolve_id(&self, id: u32) -> Option<IdOf> {
+        self.drawn.resolve(id)
+    }
+
+    fn targets(&self) -> Result<&Targets, RenderError> {
+        self.targets.as_ref().ok_or(RenderError::NotDrawn { what: "a picture" })
+    }
+
+    fn fit_targets(&mut self, size_px: [u32; 2], aov: bool) -> Result<(), RenderError> {
+        let fits = self.targets.as_ref().is_some_and(|targets| targets.size_px == size_px && targets.has_aov() == aov);
+        if !fits {
+            self.targets = None;
+            self.targets = Some(Targets::new(&self.gpu, size_px, aov)?);
+        }
+        Ok(())
+    }
+
+    fn terrain_item(
+        &mut self,
+        view: &View,
+        draw: &DrawPiece,
+        stats: &mut FrameStats,
+    ) -> Result<TerrainItem, ArenaFull> {
+        let (mesh, is_new) = self.meshes.ensure(&self.gpu, &draw.terrain, draw.cell)?;
+        let triangles = u64::from(mesh.index_count / 3);
+        let offset = eye_relative(mesh.origin, view);
+        let picture = self.picture_of(draw);
+        stats.terrain_triangles += triangles;
+        stats.pieces_built += u32::from(is_new);
+        stats.pieces_without_picture += u32::from(picture.map(|(cell, _)| cell) != draw.imagery);
+        let (uv_scale, uv_offset) = picture.map_or(([0.0; 2], [0.0; 2]), |(cell, _)| texture_window(draw.cell, cell));
+        let piece = Piece {
+            offset: offset.to_array(),
+            own: draw.own,
+            uv_scale,
+            uv_offset,
+            // Pieces that agree exactly may still part by the rounding of their positions.
+            skirt_m: draw.skirt_m.max(offset.length() * SEAM),
+            layer: picture.map_or(0, |(_, place)| place.layer),
+            id: self.drawn.add(draw.cell),
+            textured: u32::from(picture.is_some()),
+        };
+        Ok(TerrainItem { mesh: (draw.terrain.cell, draw.cell), picture: picture.map(|(_, place)| place), piece })
+    }
+
+    /// The wanted picture, or the nearest one above it that is there.
+    fn picture_of(&self, draw: &DrawPiece) -> Option<(CellId, ImageryPlace)> {
+        draw.imagery?.ancestors().find_map(|cell| self.imagery.place(cell).map(|place| (cell, place)))
+    }
+
+    /// Draws a batch of terrain, and after the last one the objects and the sky.
+    fn submit(
+        &mut self,
+        stats: &mut FrameStats,
+        items: &[TerrainItem],
+        last: Option<&[ObjectsItem]>,
+        clear: bool,
+    ) -> Result<(), RenderError> {
+        self.terrain.write(&self.gpu, items);
+        let targets = self.targets.as_ref().ok_or(RenderError::NotDrawn { what: "a picture" })?;
+        let aov = targets.has_aov();
+        let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        let mut pass = targets.begin_pass(&mut encoder, clear);
+        pass.set_bind_group(0, &self.frame.group, &[]);
+        stats.draw_calls += self.terrain.draw(&mut pass, aov, items, &self.meshes, &self.imagery);
+        if let Some(objects) = last {
+            stats.draw_calls += self.objects.draw(&mut pass, aov, objects) + 1;
+            self.sky.draw(&mut pass, aov);
+        }
+        drop(pass);
+        self.gpu.queue.submit([encoder.finish()]);
+        Ok(())
+    }
+}
+
+/// Near pieces first: what they hide is not shaded.
+fn near_to_far<'a>(view: &View, pieces: &'a [DrawPiece]) -> impl Iterator<Item = &'a DrawPiece> {
+    let mut order: Vec<_> =
+        pieces.iter().map(|piece| (piece.cell.bounds().center().to_ecef().distance_m(view.eye()), piece)).collect();
+    order.sort_by(|a, b| a.0.total_cmp(&b.0));
+    order.into_iter().map(|(_, piece)| piece)
+}
