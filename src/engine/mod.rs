@@ -1,5 +1,28 @@
-//! One frame, in order.
+//! One frame, in order; the only module that sees everything.
+//!
+//! Selection and requests stay pure values; what is not pure (reads, threads, uploads, the real clock in `timings`)
+//! meets them here. In lock-step the same code runs without threads, and a frame's report follows from the world and
+//! the views alone.
 
+mod audit;
+mod footprint;
+mod frame;
+mod ground;
+mod levels;
+mod lift;
+mod params;
+mod reader;
 mod report;
+mod residency;
+mod tolerance;
+mod usage;
 
+pub use footprint::{
+    IN_FLIGHT_MAX, MESH_MIN_BYTES, Partition, READ_BYTES_PER_FRAME, SCRATCH_PER_SERVER_BYTES, SLACK_BYTES,
+    THREADS_PER_LAYER, UPLOAD_BYTES_PER_FRAME,
+};
+pub use frame::Engine;
+pub use ground::GroundProbe;
+pub use params::{EngineError, EngineParams, FrameRequest, Mode};
+pub use reader::Source;
 pub use report::{FrameReport, FrameTimings};

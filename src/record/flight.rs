@@ -185,8 +185,8 @@ impl FlightLog {
     /// Writes the report to `file`, and frames and timings beside it. Each file appears whole or not at all.
     pub fn write(&self, file: &Path) -> Result<(), RecordError> {
         let folder = file.parent().unwrap_or(Path::new("."));
-        write_whole(&folder.join(FRAMES_FILE), &self.frames_csv())?;
-        write_whole(&folder.join(TIMINGS_FILE), &self.timings_csv())?;
+        write_whole(&folder.join(FRAMES_FILE), self.frames_csv())?;
+        write_whole(&folder.join(TIMINGS_FILE), self.timings_csv())?;
         let mut text = to_json(file, &self.summary())?;
         text.push('\n');
         write_whole(file, &text)

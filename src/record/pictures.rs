@@ -25,6 +25,11 @@ pub fn write_png(file: &Path, size_px: [u32; 2], rgba: &[u8]) -> Result<(), Reco
     write_whole(file, bytes)
 }
 
+/// Writes a text file whole or not at all.
+pub fn write_text(file: &Path, text: &str) -> Result<(), RecordError> {
+    write_whole(file, text)
+}
+
 /// Numbers that NumPy reads.
 pub trait NpyScalar: bytemuck::NoUninit {
     const DESCRIPTION: &'static str;

@@ -1,10 +1,21 @@
 //! Which reps should be drawn, which can be, and which pages to ask for. Pure: reads no clock, file, thread or GPU.
 
+mod demands;
+mod front;
+mod ground;
+mod layer;
+mod measure;
+mod objects;
+mod sight;
+mod skirts;
+
 use crate::camera::View;
 use crate::cells::LiveTree;
 use crate::content::{ObjectPage, PageId, TerrainPage};
 use crate::forest::CellId;
 use crate::forest::index::{IndexForest, Place};
+use demands::DemandList;
+use sight::{Sight, Tolerance};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -110,6 +121,33 @@ pub struct Selection {
 }
 
 /// The front of a view over what is resident.
-pub fn select(_index: &IndexForest, _cells: &LiveTree, _view: &View, _params: &SelectParams) -> Selection {
-    todo!()
+pub fn select(index: &IndexForest, cells: &LiveTree, view: &View, params: &SelectParams) -> Selection {
+    select_raised(index, cells, view, params, params.tolerance_px)
+}
+
+/// The same where memory or time lack: the front is that of `drawn_tolerance_px`, which is at least
+/// `params.tolerance_px`, and objects below a threshold raised by the same factor are left out. Debt and excess stay
+/// those of the tolerance asked for (design §7).
+pub fn select_raised(
+    index: &IndexForest,
+    cells: &LiveTree,
+    view: &View,
+    params: &SelectParams,
+    drawn_tolerance_px: f64,
+) -> Selection {
+    let drawn_px = drawn_tolerance_px.max(params.tolerance_px);
+    let sight = Sight::new(index, view, Tolerance { asked_px: params.tolerance_px, drawn_px });
+    let mut stats = SelectStats::default();
+    let mut demands = DemandList::default();
+    demands.pin_roots(index);
+    let ground = ground::under_eye(index, cells, &sight, &mut demands);
+    let press = ground.and_then(|ground| ground.press(view.pose.eye.height_m));
+    let front = front::walk(index, cells, &sight, &mut demands, &mut stats);
+    let skirts_m = skirts::depths_m(&front.pieces, press.as_ref());
+    let mut layers = front.measures;
+    let (objects, object_measure) = objects::walk(index, cells, &sight, params, &mut demands, &mut stats);
+    layers.push(object_measure);
+    measure::summarize(&layers, &mut stats);
+    stats.pages_missing = u32::try_from(demands.missing()).unwrap_or(u32::MAX);
+    Selection { pieces: front::draw(front.pieces, &skirts_m, cells), objects, demands: demands.finish(), press, stats }
 }

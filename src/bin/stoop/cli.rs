@@ -164,3 +164,14 @@ pub fn write_whole(
 pub fn clean(is_clean: bool) -> ExitCode {
     if is_clean { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
+
+/// A world for the engine.
+pub fn open(folder: &std::path::Path) -> anyhow::Result<stoop::engine::Source> {
+    Ok(stoop::engine::Source::of(stoop::store::World::open(folder)?))
+}
+
+/// Writes to standard output; a closed pipe is no failure of the work that was done.
+pub fn say(text: &str) {
+    use std::io::Write;
+    let _ = std::io::stdout().write_all(text.as_bytes());
+}

@@ -1,18 +1,325 @@
 //! `stoop fly`: a headless flight.
 
-use crate::cli;
+mod outputs;
+mod schedule;
+
+use crate::cli::{self, NotYet, WrongUsage};
+use clap::ValueEnum;
+use outputs::Outputs;
+pub use outputs::write_aov;
+use schedule::{PictureTimes, Progress};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Instant;
+use stoop::camera::{FlightPath, View};
+use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode};
+use stoop::record::{FlightHeader, FlightLog};
+use stoop::select::ObjectsMode;
+use stoop::units::ByteSize;
+
+const DETAILS: &str = "\
+How a flight runs:
+  without a mode   lock-step: frames at fixed steps, what a frame asks for is there in the next; the same input gives
+                   the same frames, requests and figures on every run
+  --settled        every frame waits until nothing is left to load: the reference for accuracy
+  --live           frames follow the real clock, threads read and decode; writing pictures and audits stops the clock
+
+Files:
+  DIR/t0012.00.png         the picture at 12 s (--frames)
+  DIR/t0012.00.ids.npy     with --aov: NumPy u32, height x width, rows from the top: what each pixel shows; 0 is the sky
+  DIR/t0012.00.ids.json    what those ids stand for: {\"17\": {\"cell\": \"12/3/1/5\"}, \"9\": {\"page\": ..., \"object\": 4}}
+  DIR/t0012.00.depth.npy   NumPy f32: metres from the eye along the view direction; inf is the sky
+  FILE.json                the report (--report); frames.csv and timings.csv are written beside it
+
+The flight is JSON: {\"fovy_deg\": 60, \"hz\": 60, \"columns\": [\"t_s\", \"lon_deg\", \"lat_deg\", \"height_m\", \"heading_deg\",
+\"pitch_deg\"], \"samples\": [[0, -84.4, 33.7, 1e7, 0, -90], ...]}; heights are metres above the WGS84 ellipsoid.
+
+Examples:
+  stoop fly WORLD --path dive.json --frames pictures --at-secs 0,12,18 --report report.json
+  stoop fly WORLD --path dive.json --live --size 1280x720 --footprint 512MiB --report live.json
+  stoop fly WORLD --path dive.json --settled --tolerance-px 0.25 --frames reference --every-secs 1";
+
+#[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
+enum ObjectsArgument {
+    /// No objects
+    Off,
+    /// All objects of the cells in view, without thresholds
+    Flat,
+    /// Objects above the threshold, by cell
+    Cells,
+    /// As cells, with groups for small objects where the world has them
+    Groups,
+}
 
 #[derive(clap::Args)]
+#[command(after_help = DETAILS)]
 pub struct Arguments {
     /// Folder of the world
     world: PathBuf,
     /// The flight, JSON
     #[arg(long, value_name = "FILE")]
     path: PathBuf,
+    /// Pixels
+    #[arg(long, default_value = "640x360")]
+    size: cli::SizePx,
+    /// Follow the real clock
+    #[arg(long, group = "mode")]
+    live: bool,
+    /// Wait in every frame until nothing is left to load
+    #[arg(long, group = "mode")]
+    settled: bool,
+    /// A virtual clock and a storage model: hdd, ssd, lan, wan or mobile (not in this version)
+    #[arg(long = "virtual", value_name = "STORAGE", group = "mode")]
+    virtual_storage: Option<String>,
+    /// Seconds from frame to frame [default: 1/hz of the flight; not with --live]
+    #[arg(long, value_name = "S", value_parser = cli::positive, conflicts_with = "live")]
+    step_secs: Option<f64>,
+    /// What is fetched ahead: demand is the front only (the other policies are not in this version)
+    #[arg(long, value_name = "NAME", default_value = "demand")]
+    policy: String,
+    /// A policy's parameters (not in this version)
+    #[arg(long, value_name = "FILE")]
+    policy_params: Option<PathBuf>,
+    /// A single-seek layout of the world (not in this version)
+    #[arg(long, value_name = "NAME")]
+    layout: Option<String>,
+    /// Load intermediate levels too (not in this version)
+    #[arg(long)]
+    no_level_skip: bool,
+    /// Read on demand and wait (not in this version)
+    #[arg(long)]
+    sync_reads: bool,
+    /// Throttle live runs to a storage model (not in this version)
+    #[arg(long, value_name = "NAME|LATENCY_MS,MB_PER_S,PARALLEL")]
+    storage: Option<String>,
+    /// Make reads fail (not in this version)
+    #[arg(long, value_name = "SPEC")]
+    faults: Option<String>,
+    /// Seed of everything random; nothing is in this version
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Allowed screen-space error, pixels of the given size
+    #[arg(long, default_value = "1", value_parser = cli::positive)]
+    tolerance_px: f64,
+    /// Hard limit of the bytes held for pages, GPU arenas, decoding and index
+    #[arg(long, default_value = "256MiB", value_parser = cli::bytes)]
+    footprint: ByteSize,
+    /// Hold this frame time by drawing coarser (not in this version)
+    #[arg(long, value_name = "MS")]
+    frame_ms: Option<f64>,
+    /// How objects are drawn
+    #[arg(long, value_enum, default_value = "groups")]
+    objects: ObjectsArgument,
+    /// Objects that project smaller are neither drawn nor read, pixels; a second value is for single objects where
+    /// groups stand in for them (no world of this version has groups)
+    #[arg(long, value_name = "PX[,PX]", default_value = "1,10", value_delimiter = ',', value_parser = cli::positive)]
+    threshold_px: Vec<f64>,
+    /// Write pictures into this folder: of every frame, or when --at-secs or --every-secs say
+    #[arg(long, value_name = "DIR")]
+    frames: Option<PathBuf>,
+    /// Pictures at these times of the flight, seconds
+    #[arg(long, value_name = "S,...", value_delimiter = ',', value_parser = cli::number, conflicts_with = "every_secs")]
+    at_secs: Vec<f64>,
+    /// A picture each so many seconds
+    #[arg(long, value_name = "S", value_parser = cli::positive)]
+    every_secs: Option<f64>,
+    /// Also write ids and depth of each picture into this folder
+    #[arg(long, value_name = "DIR")]
+    aov: Option<PathBuf>,
+    /// Count holes against the settled frame in every Nth frame; 0 never [default: 1 with --frames and not --live, else 0]
+    #[arg(long, value_name = "N")]
+    audit: Option<u32>,
+    /// Write a video with the program ffmpeg
+    #[arg(long, value_name = "FILE")]
+    video: Option<PathBuf>,
+    /// Write the report here, and frames.csv and timings.csv beside it
+    #[arg(long, value_name = "FILE.json")]
+    report: Option<PathBuf>,
 }
 
-pub fn run(_arguments: Arguments) -> anyhow::Result<ExitCode> {
-    Err(cli::NotYet::new("`stoop fly`", "update stoop").into())
+const POLICIES: [&str; 6] = ["demand", "front", "range", "vgis", "foresight", "oracle"];
+
+impl Arguments {
+    /// Flags that this version knows by name only must not be passed over in silence.
+    fn refuse_later_parts(&self) -> anyhow::Result<()> {
+        let later = [
+            (self.virtual_storage.is_some(), "--virtual", "fly in lock-step, with --settled or with --live"),
+            (self.policy_params.is_some(), "--policy-params", "leave it away"),
+            (self.layout.is_some(), "--layout", "leave it away; the packs are read"),
+            (self.no_level_skip, "--no-level-skip", "leave it away; the policy demand skips no level"),
+            (self.sync_reads, "--sync-reads", "use --settled, which waits in every frame"),
+            (self.storage.is_some(), "--storage", "leave it away; the disk is read as fast as it goes"),
+            (self.faults.is_some(), "--faults", "leave it away"),
+            (self.frame_ms.is_some(), "--frame-ms", "raise --tolerance-px for shorter frames"),
+        ];
+        for (used, flag, instead) in later {
+            if used {
+                return Err(NotYet::new(flag, instead).into());
+            }
+        }
+        match self.policy.as_str() {
+            "demand" => Ok(()),
+            known if POLICIES.contains(&known) => Err(NotYet::new(format!("--policy {known}"), "use demand").into()),
+            other => Err(WrongUsage(format!("there is no policy {other:?}: use demand")).into()),
+        }
+    }
+
+    fn check_combinations(&self) -> anyhow::Result<()> {
+        let timed = !self.at_secs.is_empty() || self.every_secs.is_some();
+        if timed && self.frames.is_none() && self.aov.is_none() {
+            return Err(WrongUsage(
+                "--at-secs and --every-secs choose pictures: name a folder by --frames or --aov".into(),
+            )
+            .into());
+        }
+        if self.threshold_px.len() > 2 {
+            return Err(WrongUsage("--threshold-px takes one number or two".into()).into());
+        }
+        Ok(())
+    }
+
+    fn mode(&self) -> Mode {
+        match (self.live, self.settled) {
+            (true, _) => Mode::Live,
+            (_, true) => Mode::Settled,
+            _ => Mode::LockStep,
+        }
+    }
+
+    fn audit_every(&self) -> u32 {
+        self.audit.unwrap_or(u32::from(self.frames.is_some() && !self.live))
+    }
+
+    fn params(&self) -> EngineParams {
+        EngineParams {
+            tolerance_px: self.tolerance_px,
+            threshold_px: self.threshold_px.first().copied().unwrap_or(1.0),
+            objects: match self.objects {
+                ObjectsArgument::Off => ObjectsMode::Off,
+                ObjectsArgument::Flat => ObjectsMode::Flat,
+                ObjectsArgument::Cells => ObjectsMode::Cells,
+                ObjectsArgument::Groups => ObjectsMode::Groups,
+            },
+            footprint: self.footprint,
+            mode: self.mode(),
+        }
+    }
+
+    fn picture_times(&self) -> PictureTimes {
+        match (self.frames.is_some() || self.aov.is_some(), self.every_secs) {
+            (false, _) => PictureTimes::Never,
+            (true, Some(every_s)) => PictureTimes::every(every_s),
+            (true, None) if self.at_secs.is_empty() => PictureTimes::Always,
+            (true, None) => PictureTimes::at(self.at_secs.clone()),
+        }
+    }
+}
+
+pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    arguments.refuse_later_parts()?;
+    arguments.check_combinations()?;
+    let path = FlightPath::load(&arguments.path)?;
+    let opened = Instant::now();
+    let source = cli::open(&arguments.world)?;
+    let engine = Engine::new(source, arguments.params())?;
+    let step_s = arguments.step_secs.unwrap_or(1.0 / path.hz());
+    let mut flight = Flight {
+        outputs: Outputs::create(&arguments, step_s)?,
+        log: FlightLog::new(header(&arguments, &path, &engine)),
+        progress: Progress::new(path.end_s()),
+        audit_every: arguments.audit_every(),
+        size_px: arguments.size.0,
+        opened,
+        path,
+        engine,
+    };
+    if arguments.live {
+        flight.fly_live()?
+    } else {
+        flight.fly_stepped(step_s)?
+    }
+    flight.finish(arguments.report.as_deref())
+}
+
+fn header(arguments: &Arguments, path: &FlightPath, engine: &Engine) -> FlightHeader {
+    let ground = GroundProbe::new(engine.source());
+    FlightHeader {
+        world: engine.source().manifest.name.clone(),
+        mode: engine.mode().name().to_owned(),
+        policy: arguments.policy.clone(),
+        size_px: arguments.size.0,
+        tolerance_px: arguments.tolerance_px,
+        footprint_limit_bytes: arguments.footprint.0,
+        arrivals_s: path.arrivals_s(|lat_rad, lon_rad| ground.height_m(lat_rad, lon_rad)),
+    }
+}
+
+struct Flight {
+    path: FlightPath,
+    engine: Engine,
+    outputs: Outputs,
+    log: FlightLog,
+    progress: Progress,
+    audit_every: u32,
+    size_px: [u32; 2],
+    opened: Instant,
+}
+
+impl Flight {
+    /// Frames at fixed steps from the flight's start to its end.
+    fn fly_stepped(&mut self, step_s: f64) -> anyhow::Result<()> {
+        // A step that divides the flight must reach its end in spite of rounding.
+        let frames = (self.path.duration_s() / step_s + 1e-6).floor() as u64 + 1;
+        for frame in 0..frames {
+            self.fly_frame(self.path.start_s() + frame as f64 * step_s)?;
+        }
+        Ok(())
+    }
+
+    /// Frames as fast as they go; the last one shows the flight's end.
+    fn fly_live(&mut self) -> anyhow::Result<()> {
+        let mut clock = schedule::FlightClock::start();
+        loop {
+            let t_s = (self.path.start_s() + clock.elapsed_s()).min(self.path.end_s());
+            let aside_s = self.fly_frame(t_s)?;
+            clock.pause(aside_s);
+            if t_s >= self.path.end_s() {
+                return Ok(());
+            }
+        }
+    }
+
+    /// One frame with its pictures; returns the seconds spent beside flying.
+    fn fly_frame(&mut self, t_s: f64) -> anyhow::Result<f64> {
+        let view = View::new(self.path.at(t_s), self.path.fovy_rad(), self.size_px);
+        let due = self.outputs.due(t_s);
+        let audit = self.audit_every > 0 && self.log.frames.len() as u64 % u64::from(self.audit_every) == 0;
+        let request = FrameRequest { view, t_s, ids: audit || due.wants_aov() };
+        let mut report = self.engine.frame(&request)?;
+        let drawn = Instant::now();
+        if self.log.frames.is_empty() {
+            self.log.first_frame_ms = Some(self.opened.elapsed().as_secs_f64() * 1000.0);
+        }
+        if audit {
+            report.holes = Some(self.engine.count_holes(&request)?);
+        }
+        self.outputs.write(&mut self.engine, due, self.size_px)?;
+        for failure in self.engine.take_failures() {
+            eprintln!("stoop: at {t_s:.2} s: {failure}; flying on with coarser detail");
+        }
+        self.log.frames.push(report);
+        self.progress.at(t_s);
+        Ok(drawn.elapsed().as_secs_f64())
+    }
+
+    fn finish(mut self, report: Option<&std::path::Path>) -> anyhow::Result<ExitCode> {
+        self.progress.end();
+        self.outputs.finish()?;
+        self.log.wasted_bytes = self.engine.wasted_bytes();
+        if let Some(file) = report {
+            self.log.write(file)?;
+        }
+        schedule::print_summary(&self.log.summary(), self.engine.adapter_name());
+        Ok(ExitCode::SUCCESS)
+    }
 }

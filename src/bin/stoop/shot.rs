@@ -1,8 +1,14 @@
 //! `stoop shot`: one settled picture.
 
 use crate::cli;
+use crate::fly::write_aov;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use stoop::camera::{Pose, View};
+use stoop::engine::{Engine, EngineParams, FrameRequest, Mode};
+use stoop::geodesy::Geodetic;
+use stoop::record::write_png;
+use stoop::units::ByteSize;
 
 const EXAMPLES: &str = "\
 Heights are metres above the WGS84 ellipsoid. The picture is taken once nothing is left to load.
@@ -48,6 +54,43 @@ pub struct Arguments {
     out: PathBuf,
 }
 
-pub fn run(_arguments: Arguments) -> anyhow::Result<ExitCode> {
-    Err(cli::NotYet::new("`stoop shot`", "update stoop").into())
+impl Arguments {
+    fn view(&self) -> View {
+        let pose = Pose {
+            eye: Geodetic::from_degrees(self.lat_deg, wrap_degrees(self.lon_deg), self.height_m),
+            heading_rad: self.heading_deg.to_radians(),
+            pitch_rad: self.pitch_deg.to_radians(),
+        };
+        View::new(pose, self.fovy_deg.to_radians(), self.size.0)
+    }
+}
+
+pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+    if let Some(folder) = &arguments.aov {
+        cli::make_folder(folder)?;
+    }
+    let source = cli::open(&arguments.world)?;
+    let params = EngineParams { tolerance_px: arguments.tolerance_px, mode: Mode::Settled, ..EngineParams::default() };
+    let mut engine = Engine::new(source, params)?;
+    let report = engine.frame(&FrameRequest { view: arguments.view(), t_s: 0.0, ids: arguments.aov.is_some() })?;
+    write_png(&arguments.out, arguments.size.0, &engine.read_color()?)?;
+    if let Some(folder) = &arguments.aov {
+        let name = arguments.out.file_stem().unwrap_or_default().to_string_lossy();
+        write_aov(&mut engine, folder, &name, arguments.size.0)?;
+    }
+    cli::say(&format!(
+        "{}: {} cells, {} objects, {} triangles, drawn error {:.2} px, read {}\n",
+        arguments.out.display(),
+        report.cells_drawn,
+        report.objects_drawn,
+        report.triangles,
+        report.raw_error_px,
+        ByteSize(report.bytes_read)
+    ));
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The same meridian from −180 to 180 degrees.
+fn wrap_degrees(lon_deg: f64) -> f64 {
+    (lon_deg + 180.0).rem_euclid(360.0) - 180.0
 }

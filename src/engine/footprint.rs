@@ -1,0 +1,88 @@
+//! How the footprint is divided, so that its sum is a hard limit.
+//!
+//! index + scratch + meshes + slack are set aside; the rest is the pool of the request manager, which accounts decoded
+//! pages in memory, their GPU parts and reads under way, in one sum over all layers. GPU arenas grow in chunks: what
+//! they have allocated beyond the pages in them is fragmentation, which is taken out of the pool as it comes
+//! ([`Partition::pool_bytes`]).
+
+use super::{EngineError, Mode};
+use crate::forest::index::IndexForest;
+use crate::paging::least_footprint_bytes;
+use crate::render::GpuLimits;
+use crate::units::ByteSize;
+
+/// Encoded bytes and decoder's workspace of one server, bytes.
+pub const SCRATCH_PER_SERVER_BYTES: u64 = 2 << 20;
+/// The terrain meshes' share of the footprint: 1/8, and no less than this.
+pub const MESH_MIN_BYTES: u64 = 4 << 20;
+const MESH_SHARE: u64 = 8;
+/// Set aside for one chunk of each arena that is only begun, bytes.
+pub const SLACK_BYTES: u64 = 8 << 20;
+/// Decoded bytes that one live frame takes in, so that arrivals do not stretch it.
+pub const UPLOAD_BYTES_PER_FRAME: u64 = 4 << 20;
+/// Stored bytes that one frame in lock-step starts to read: 60 MiB a second at 60 frames.
+pub const READ_BYTES_PER_FRAME: u64 = 1 << 20;
+/// Reads under way at most.
+pub const IN_FLIGHT_MAX: usize = 32;
+/// Threads that serve each of the three layers in live runs.
+pub const THREADS_PER_LAYER: usize = 1;
+const LAYERS: u64 = 3;
+
+/// Shares of a footprint, bytes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Partition {
+    pub footprint: u64,
+    pub index: u64,
+    pub scratch: u64,
+    pub mesh: u64,
+}
+
+impl Partition {
+    /// Fails where the footprint is below the least that can work with the world.
+    pub fn new(footprint: ByteSize, mode: Mode, index: &IndexForest) -> Result<Self, EngineError> {
+        let servers = if mode == Mode::Live { LAYERS * THREADS_PER_LAYER as u64 } else { 1 };
+        let (index_bytes, scratch) = (index.byte_len() as u64, servers * SCRATCH_PER_SERVER_BYTES);
+        let least = index_bytes + scratch + MESH_MIN_BYTES + SLACK_BYTES + least_footprint_bytes(index);
+        let Some(spare) = footprint.0.checked_sub(least) else {
+            return Err(EngineError::FootprintTooSmall { asked: footprint, least: ByteSize(least) });
+        };
+        let mesh = (footprint.0 / MESH_SHARE).clamp(MESH_MIN_BYTES, MESH_MIN_BYTES + spare);
+        Ok(Self { footprint: footprint.0, index: index_bytes, scratch, mesh })
+    }
+
+    /// What is set aside for anything but pages and their arenas.
+    pub fn fixed_bytes(&self) -> u64 {
+        self.index + self.scratch + self.mesh
+    }
+
+    /// The request manager's pool while the arenas hold `fragmented` bytes beyond their pages.
+    pub fn pool_bytes(&self, fragmented: u64) -> u64 {
+        (self.footprint - self.fixed_bytes()).saturating_sub(fragmented.max(SLACK_BYTES))
+    }
+
+    /// Either arena may take the whole pool; the request manager holds their sum below it.
+    pub fn gpu_limits(&self) -> GpuLimits {
+        let arenas = self.footprint - self.fixed_bytes();
+        GpuLimits { imagery_bytes: arenas, mesh_bytes: self.mesh, objects_bytes: arenas }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shares_add_up_and_the_least_footprint_is_the_least() {
+        let index = IndexForest::default();
+        let least = match Partition::new(ByteSize(1 << 20), Mode::Live, &index) {
+            Err(EngineError::FootprintTooSmall { least, .. }) => least,
+            other => panic!("{other:?}"),
+        };
+        assert!(Partition::new(ByteSize(least.0 - 1), Mode::Live, &index).is_err());
+        for footprint in [least.0, least.0 + 1, 64 << 20, 256 << 20, 8 << 30] {
+            let shares = Partition::new(ByteSize(footprint), Mode::Live, &index).unwrap();
+            assert!(shares.pool_bytes(0) >= least_footprint_bytes(&index));
+            assert_eq!(shares.pool_bytes(0) + shares.fixed_bytes() + SLACK_BYTES, footprint);
+        }
+    }
+}

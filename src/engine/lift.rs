@@ -1,0 +1,173 @@
+//! Objects stand on the terrain that is drawn (design, Objects): where coarse terrain lies above an object's base, the
+//! object is lifted by the difference, and comes back as the terrain arrives.
+//!
+//! Where the finest terrain of the world is drawn there is no lift: the walls were fitted to it at preparation.
+
+use crate::content::{CellObjects, Object, ObjectPage, PageId, PageKind, TerrainPage};
+use crate::forest::index::IndexForest;
+use crate::forest::{CellId, LEVEL_MAX};
+use crate::select::{DrawObjects, DrawPiece};
+use std::collections::HashMap;
+
+/// Morph weights closer than this count as the same.
+const OWN_STEPS: f32 = 64.0;
+/// Lifts closer than this are not sent to the GPU again, metres.
+const LIFT_STEP_M: f32 = 0.01;
+
+/// What following the lift of an object takes, bytes.
+pub const LIFT_BYTES_PER_OBJECT: usize = size_of::<Option<Standing>>() + size_of::<f32>() + size_of::<u8>();
+
+/// The pieces of a frame by cell.
+pub struct Ground<'a> {
+    pieces: HashMap<CellId, &'a DrawPiece>,
+    /// Levels that occur, deepest first.
+    levels: Vec<u8>,
+}
+
+impl<'a> Ground<'a> {
+    pub fn new(pieces: &'a [DrawPiece]) -> Self {
+        let pieces: HashMap<_, _> = pieces.iter().map(|piece| (piece.cell, piece)).collect();
+        let levels = (0..=LEVEL_MAX).rev().filter(|&level| pieces.keys().any(|cell| cell.level() == level)).collect();
+        Self { pieces, levels }
+    }
+
+    /// The piece that covers the whole of a cell.
+    fn covering(&self, cell: CellId) -> Option<&'a DrawPiece> {
+        self.levels.iter().find_map(|&level| self.pieces.get(&cell.ancestor(level)?).copied())
+    }
+}
+
+/// Which surface lies under a cell of objects.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Under {
+    /// Nothing is drawn there.
+    Nothing,
+    /// One piece under all of it: the terrain page's cell and the morph weight in steps.
+    One { terrain: CellId, own: u32 },
+    /// Several finer pieces.
+    Several,
+}
+
+/// Heights of a terrain page's two surfaces at an object.
+#[derive(Clone, Copy, Debug)]
+struct Standing {
+    terrain: CellId,
+    parent_m: f64,
+    own_m: f64,
+}
+
+struct PageLifts {
+    under: Vec<Under>,
+    standing: Vec<Option<Standing>>,
+    /// Level of the world's finest terrain at each object.
+    finest: Vec<u8>,
+    lifts_m: Vec<f32>,
+}
+
+/// The lifts of the pages that were drawn since they arrived.
+#[derive(Default)]
+pub struct Lifts {
+    pages: HashMap<PageId, PageLifts>,
+}
+
+impl Lifts {
+    pub fn forget(&mut self, page: PageId) {
+        self.pages.remove(&page);
+    }
+
+    /// The page of drawn objects and their lifts in metres, or `None` where nothing changed since the last call.
+    pub fn update(
+        &mut self,
+        index: &IndexForest,
+        ground: &Ground<'_>,
+        drawn: &DrawObjects,
+    ) -> Option<(PageId, &[f32])> {
+        let page = &*drawn.page;
+        let id = PageId { cell: page.root, kind: PageKind::Objects { collection: page.collection, rep: page.rep } };
+        let known = self.pages.entry(id).or_insert_with(|| PageLifts::new(index, page));
+        let mut changed = false;
+        for (at, cell) in page.cells.iter().enumerate() {
+            changed |= known.update_cell(at, cell, page, ground);
+        }
+        changed.then_some((id, &*known.lifts_m))
+    }
+}
+
+impl PageLifts {
+    fn new(index: &IndexForest, page: &ObjectPage) -> Self {
+        Self {
+            under: vec![Under::Nothing; page.cells.len()],
+            standing: vec![None; page.objects.len()],
+            finest: page.objects.iter().map(|object| finest_terrain_level(index, object)).collect(),
+            lifts_m: vec![0.0; page.objects.len()],
+        }
+    }
+
+    fn update_cell(&mut self, at: usize, cell: &CellObjects, page: &ObjectPage, ground: &Ground<'_>) -> bool {
+        let covering = ground.covering(cell.cell);
+        let under = match covering {
+            Some(piece) => Under::One { terrain: piece.terrain.cell, own: (piece.own * OWN_STEPS).round() as u32 },
+            None => Under::Several,
+        };
+        if under != Under::Several && under == self.under[at] {
+            return false;
+        }
+        self.under[at] = under;
+        let mut changed = false;
+        for which in cell.objects.start as usize..cell.objects.end as usize {
+            let Some(object) = page.objects.get(which) else { break };
+            let piece = covering.or_else(|| ground.covering(place_cell(object)));
+            changed |= piece.is_some_and(|piece| self.update_object(which, object, piece));
+        }
+        changed
+    }
+
+    fn update_object(&mut self, which: usize, object: &Object, piece: &DrawPiece) -> bool {
+        let known = self.standing[which].filter(|standing| standing.terrain == piece.terrain.cell);
+        let Some(standing) = known.or_else(|| Standing::of(object, &piece.terrain)) else { return false };
+        self.standing[which] = Some(standing);
+        let lift_m = standing.lift_m(object, f64::from(piece.own), self.finest[which]);
+        let changed = (lift_m - self.lifts_m[which]).abs() >= LIFT_STEP_M;
+        if changed {
+            self.lifts_m[which] = lift_m;
+        }
+        changed
+    }
+}
+
+impl Standing {
+    fn of(object: &Object, terrain: &TerrainPage) -> Option<Self> {
+        let height_m = |own| terrain.surface_height_m(object.lat_rad, object.lon_rad, own);
+        Some(Self { terrain: terrain.cell, parent_m: height_m(0.0)?, own_m: height_m(1.0)? })
+    }
+
+    fn lift_m(&self, object: &Object, own: f64, finest_level: u8) -> f32 {
+        let base_m = f64::from(object.base_m);
+        let lift_m = if self.terrain.level() >= finest_level {
+            (1.0 - own) * (self.parent_m - base_m).max(0.0)
+        } else {
+            (self.parent_m + (self.own_m - self.parent_m) * own - base_m).max(0.0)
+        };
+        lift_m as f32
+    }
+}
+
+fn place_cell(object: &Object) -> CellId {
+    CellId::containing(object.lat_rad, object.lon_rad, LEVEL_MAX)
+}
+
+/// Level of the finest terrain page that the world has at an object; 0 where it has none.
+fn finest_terrain_level(index: &IndexForest, object: &Object) -> u8 {
+    let Some(tree) = index.tree(place_cell(object).zone()) else { return 0 };
+    let path = place_cell(object);
+    let (mut node, mut finest) = (tree.root(), 0);
+    for level in 1..=LEVEL_MAX {
+        let next = path.ancestor(level).and_then(CellId::quadrant).and_then(|quadrant| node.child(quadrant));
+        let Some(child) = next else { break };
+        node = child;
+        if node.terrain().is_some() {
+            finest = level;
+        }
+    }
+    finest
+}

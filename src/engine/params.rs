@@ -1,0 +1,74 @@
+//! What a run is asked to be.
+
+use crate::camera::View;
+use crate::paging::{ManagerError, ServerError};
+use crate::render::RenderError;
+use crate::select::ObjectsMode;
+use crate::units::ByteSize;
+
+/// How frames and reads keep step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mode {
+    /// What a frame starts to read is there in the next one; no threads, no clock: deterministic.
+    LockStep,
+    /// Each frame reads until nothing is left to load.
+    Settled,
+    /// Threads read and decode; a frame takes what is there and never waits.
+    Live,
+}
+
+impl Mode {
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::LockStep => "lockstep",
+            Self::Settled => "settled",
+            Self::Live => "live",
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct EngineParams {
+    /// Allowed screen-space error, pixels; above 0.
+    pub tolerance_px: f64,
+    /// Projected bounding dimension below which an object is neither drawn nor read, pixels.
+    pub threshold_px: f64,
+    pub objects: ObjectsMode,
+    /// Hard limit of all bytes held; see [`Partition`](super::Partition).
+    pub footprint: ByteSize,
+    pub mode: Mode,
+}
+
+impl Default for EngineParams {
+    fn default() -> Self {
+        Self {
+            tolerance_px: 1.0,
+            threshold_px: 1.0,
+            objects: ObjectsMode::Groups,
+            footprint: ByteSize(256 << 20),
+            mode: Mode::LockStep,
+        }
+    }
+}
+
+/// One frame to draw.
+#[derive(Clone, Copy, Debug)]
+pub struct FrameRequest {
+    pub view: View,
+    /// Time on the flight's clock, seconds; must not fall from frame to frame.
+    pub t_s: f64,
+    /// Whether ids and depths are drawn beside the colours, to be read after the frame.
+    pub ids: bool,
+}
+
+#[derive(Debug, thiserror::Error)]
+pub enum EngineError {
+    #[error("a footprint of {asked} cannot work with this world: at least {least} are needed; raise --footprint")]
+    FootprintTooSmall { asked: ByteSize, least: ByteSize },
+    #[error(transparent)]
+    Manager(#[from] ManagerError),
+    #[error(transparent)]
+    Servers(#[from] ServerError),
+    #[error(transparent)]
+    Render(#[from] RenderError),
+}

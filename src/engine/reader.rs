@@ -1,0 +1,37 @@
+//! What the engine flies over: an index, a description, and pages behind a reader.
+
+use crate::content::{Page, PageId};
+use crate::forest::index::{IndexForest, Place};
+use crate::paging::{PageReader, ReadError};
+use crate::store::{Manifest, StoreError, World};
+use std::sync::Arc;
+
+/// A world as the engine sees it. The index is light to clone: its segments are shared.
+#[derive(Clone)]
+pub struct Source {
+    pub manifest: Arc<Manifest>,
+    pub index: IndexForest,
+    pub reader: Arc<dyn PageReader>,
+}
+
+impl Source {
+    pub fn of(world: World) -> Self {
+        let (manifest, index) = (Arc::new(world.manifest().clone()), world.index().clone());
+        Self { manifest, index, reader: Arc::new(WorldReader(world)) }
+    }
+}
+
+/// Reads, verifies and decodes pages of a world.
+struct WorldReader(World);
+
+impl PageReader for WorldReader {
+    fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
+        self.0.load(page, place).map_err(|error| sort(&error))
+    }
+}
+
+/// A device that does not answer may do so later; stored bytes that are wrong stay wrong.
+fn sort(error: &StoreError) -> ReadError {
+    let message = error.to_string();
+    if error.is_transient() { ReadError::Failed(message) } else { ReadError::Broken(message) }
+}

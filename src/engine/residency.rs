@@ -1,0 +1,291 @@
+//! Pages on their way in and out: between selection, request manager, servers, live tree and GPU.
+
+use super::footprint::{IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, THREADS_PER_LAYER, UPLOAD_BYTES_PER_FRAME};
+use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
+use super::usage::{Usage, drawn_pages};
+use super::{EngineError, EngineParams, Mode, Source};
+use crate::cells::LiveTree;
+use crate::content::{IMAGERY_STORED_PX, Page, PageId, PageKind};
+use crate::forest::Zone;
+use crate::forest::index::{IndexForest, Place};
+use crate::paging::{
+    Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PageServer, ReadError, RequestManager,
+    ServerLimits, ThreadedServers,
+};
+use crate::render::Renderer;
+use crate::select::{Demand, Selection, Urgency};
+use std::collections::{HashMap, HashSet};
+
+/// Messages of failures kept for the caller; further ones are only counted.
+const MESSAGES_MAX: usize = 16;
+
+/// What went on since the frame began.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Traffic {
+    pub bytes_read: u64,
+    pub seeks: u64,
+    pub requests: u64,
+    pub footprint_max_bytes: u64,
+}
+
+/// What the request manager decided, in its order.
+#[derive(Debug, Default)]
+struct Orders {
+    start: Vec<(PageId, Place)>,
+    evict: Vec<PageId>,
+}
+
+/// Bytes of a picture with its mips on the GPU.
+const PICTURE_GPU_BYTES: u64 = {
+    let (mut bytes, mut side) = (0, IMAGERY_STORED_PX as u64);
+    while side > 0 {
+        bytes += 4 * side * side;
+        side /= 2;
+    }
+    bytes
+};
+
+fn is_picture(page: PageId) -> bool {
+    page.kind == PageKind::Imagery
+}
+
+/// What is resident, and the machinery that changes it.
+pub struct Residency {
+    pub cells: LiveTree,
+    pub manager: RequestManager,
+    pub usage: Usage,
+    pub lifts: Lifts,
+    pub traffic: Traffic,
+    partition: Partition,
+    limits: Limits,
+    mode: Mode,
+    server: Box<dyn PageServer>,
+    /// Bytes on the GPU of each resident page.
+    gpu_bytes: HashMap<PageId, u64>,
+    gpu_total_bytes: u64,
+    /// Pictures under way: they will go where the arena has layers free.
+    pictures_in_flight: u64,
+    last_read: Option<(Zone, u64)>,
+    messages: Vec<String>,
+}
+
+impl Residency {
+    pub fn new(params: &EngineParams, partition: Partition, source: &Source) -> Result<Self, EngineError> {
+        let read_bytes_per_update = if params.mode == Mode::LockStep { READ_BYTES_PER_FRAME } else { u64::MAX >> 2 };
+        let limits =
+            Limits { footprint_bytes: partition.pool_bytes(0), in_flight: IN_FLIGHT_MAX, read_bytes_per_update };
+        let server: Box<dyn PageServer> = if params.mode == Mode::Live {
+            let limits = ServerLimits { threads_per_layer: THREADS_PER_LAYER, queue_len: IN_FLIGHT_MAX };
+            Box::new(ThreadedServers::start(&source.reader, limits)?)
+        } else {
+            Box::new(InlineServer::new(source.reader.clone()))
+        };
+        Ok(Self {
+            cells: LiveTree::default(),
+            manager: RequestManager::for_world(limits, &source.index)?,
+            usage: Usage::default(),
+            lifts: Lifts::default(),
+            traffic: Traffic::default(),
+            partition,
+            limits,
+            mode: params.mode,
+            server,
+            gpu_bytes: HashMap::new(),
+            gpu_total_bytes: 0,
+            pictures_in_flight: 0,
+            last_read: None,
+            messages: Vec::new(),
+        })
+    }
+
+    /// Loads the coarsest pages of all zones, so that the first frame already has the globe. This is the only time
+    /// that anything waits for a page.
+    pub fn load_pinned(&mut self, source: &Source, renderer: &mut Renderer) {
+        let usual = std::mem::replace(&mut self.server, Box::new(InlineServer::new(source.reader.clone())));
+        self.manager.set_limits(Limits { read_bytes_per_update: u64::MAX >> 2, ..self.limits });
+        let demands = pinned_demands(&source.index);
+        loop {
+            let orders = self.command(&demands, 0.0);
+            self.start(orders.start, 0.0, renderer);
+            if self.server.in_flight() == 0 {
+                break;
+            }
+            self.receive(0.0, renderer);
+        }
+        self.manager.set_limits(self.limits);
+        self.server = usual;
+    }
+
+    /// Takes in what has arrived: all of it, in live runs no more than the upload budget.
+    pub fn receive(&mut self, now_s: f64, renderer: &mut Renderer) {
+        let mut taken_bytes = 0;
+        while self.mode != Mode::Live || taken_bytes < UPLOAD_BYTES_PER_FRAME {
+            let Some(delivery) = self.server.poll() else { break };
+            let (page, place) = (delivery.page, delivery.place);
+            self.pictures_in_flight -= u64::from(is_picture(page));
+            let completion = self.take_in(delivery, renderer);
+            if let Completion::Loaded { bytes } = completion {
+                taken_bytes += bytes;
+                self.usage.loaded(page, u64::from(place.len));
+            }
+            self.manager.complete(Event { page, completion }, now_s);
+            self.measure(renderer);
+        }
+    }
+
+    fn take_in(&mut self, delivery: Delivery, renderer: &mut Renderer) -> Completion {
+        if !matches!(delivery.outcome, Outcome::Cancelled) {
+            self.count_read(delivery.page, delivery.place);
+        }
+        match delivery.outcome {
+            Outcome::Loaded(page) => self.admit(&page, renderer),
+            Outcome::Cancelled => Completion::Cancelled,
+            Outcome::Failed(error) => {
+                self.note(error.to_string());
+                if matches!(error, ReadError::Broken(_)) { Completion::Broken } else { Completion::Failed }
+            }
+        }
+    }
+
+    /// Uploads a page and makes it drawable.
+    fn admit(&mut self, page: &Page, renderer: &mut Renderer) -> Completion {
+        match renderer.upload(page) {
+            Ok(gpu_bytes) => {
+                let id = page.id();
+                self.gpu_total_bytes += gpu_bytes;
+                self.gpu_total_bytes -= self.gpu_bytes.insert(id, gpu_bytes).unwrap_or(0);
+                self.cells.insert(page);
+                Completion::Loaded { bytes: gpu_bytes + memory_bytes(page) }
+            }
+            Err(full) => {
+                self.note(format!("page {:?} of cell {}: {full}", page.id().kind, page.id().cell));
+                Completion::Failed
+            }
+        }
+    }
+
+    fn count_read(&mut self, page: PageId, place: Place) {
+        let zone = page.cell.zone();
+        self.traffic.bytes_read += u64::from(place.len);
+        self.traffic.seeks += u64::from(self.last_read != Some((zone, place.offset)));
+        self.last_read = Some((zone, place.offset + u64::from(place.len)));
+    }
+
+    fn note(&mut self, message: String) {
+        if self.messages.len() < MESSAGES_MAX {
+            self.messages.push(message);
+        }
+    }
+
+    /// Messages of failures since the last call.
+    pub fn take_messages(&mut self) -> Vec<String> {
+        std::mem::take(&mut self.messages)
+    }
+
+    /// Tells the request manager what is wanted and passes on its commands; true when a page that `selection` draws
+    /// was dropped, so that it must be made again.
+    pub fn manage(&mut self, selection: &Selection, now_s: f64, renderer: &mut Renderer) -> bool {
+        let pool = self.partition.pool_bytes(self.fragmented_bytes(renderer));
+        self.manager.set_limits(Limits { footprint_bytes: pool, ..self.limits });
+        let orders = self.command(&selection.demands, now_s);
+        let drawn: HashSet<PageId> =
+            if orders.evict.is_empty() { HashSet::new() } else { drawn_pages(selection).collect() };
+        let mut hurt = false;
+        for page in orders.evict {
+            self.drop_page(page, renderer);
+            hurt |= drawn.contains(&page);
+        }
+        self.start(orders.start, now_s, renderer);
+        self.measure(renderer);
+        hurt
+    }
+
+    fn command(&mut self, demands: &[Demand], now_s: f64) -> Orders {
+        let mut orders = Orders::default();
+        for command in self.manager.update(demands, now_s) {
+            match command {
+                Command::Start { page, place } => orders.start.push((page, place)),
+                Command::Cancel(page) => self.server.cancel(page),
+                Command::Evict(page) => orders.evict.push(page),
+            }
+        }
+        orders
+    }
+
+    /// Passes reads to the server, the most urgent first, as far as the footprint allows: what was dropped for them may
+    /// have left holes in the arenas that only later frames close.
+    fn start(&mut self, mut reads: Vec<(PageId, Place)>, now_s: f64, renderer: &Renderer) {
+        let pictures = |reads: &[(PageId, Place)]| reads.iter().filter(|read| is_picture(read.0)).count() as u64;
+        self.pictures_in_flight += pictures(&reads);
+        while self.held_bytes(renderer) > self.partition.footprint
+            && let Some((page, _)) = reads.pop()
+        {
+            self.take_back(page, now_s);
+        }
+        for (page, place) in reads {
+            if self.server.start(page, place) {
+                self.traffic.requests += 1;
+            } else {
+                self.take_back(page, now_s);
+            }
+        }
+    }
+
+    fn take_back(&mut self, page: PageId, now_s: f64) {
+        self.pictures_in_flight -= u64::from(is_picture(page));
+        self.manager.complete(Event { page, completion: Completion::Cancelled }, now_s);
+    }
+
+    fn drop_page(&mut self, page: PageId, renderer: &mut Renderer) {
+        self.cells.remove(page);
+        renderer.remove(page);
+        self.gpu_total_bytes -= self.gpu_bytes.remove(&page).unwrap_or(0);
+        self.usage.dropped(page);
+        self.lifts.forget(page);
+    }
+
+    /// What the arenas hold beyond the pages in them and the pictures on their way into them.
+    fn fragmented_bytes(&self, renderer: &Renderer) -> u64 {
+        let arenas = renderer.allocated_bytes().saturating_sub(renderer.mesh_bytes());
+        arenas.saturating_sub(self.gpu_total_bytes + self.pictures_in_flight * PICTURE_GPU_BYTES)
+    }
+
+    /// All that is held or spoken for; the meshes' arena counts with its limit.
+    fn held_bytes(&self, renderer: &Renderer) -> u64 {
+        self.partition.fixed_bytes() + self.manager.footprint_bytes() + self.fragmented_bytes(renderer)
+    }
+
+    fn measure(&mut self, renderer: &Renderer) {
+        self.traffic.footprint_max_bytes = self.traffic.footprint_max_bytes.max(self.held_bytes(renderer));
+    }
+
+    /// The figures since the last call; the footprint starts from what is held now.
+    pub fn take_traffic(&mut self, renderer: &Renderer) -> Traffic {
+        let traffic = std::mem::take(&mut self.traffic);
+        self.measure(renderer);
+        traffic
+    }
+}
+
+/// Bytes that a resident page holds beside the GPU: pictures and meshes of objects go there whole.
+fn memory_bytes(page: &Page) -> u64 {
+    match page {
+        Page::Terrain(terrain) => terrain.byte_len() as u64,
+        Page::Imagery(_) => 0,
+        Page::Objects(objects, _) => (objects.byte_len() + objects.objects.len() * LIFT_BYTES_PER_OBJECT) as u64,
+    }
+}
+
+fn pinned_demands(index: &IndexForest) -> Vec<Demand> {
+    let roots = index.trees().map(|tree| tree.root());
+    let demand = |page, place| Demand { page, place, urgency: Urgency::Blocking, gain: f64::INFINITY };
+    roots
+        .flat_map(|root| {
+            let cell = root.cell();
+            let terrain = root.terrain().map(|entry| demand(PageId { cell, kind: PageKind::Terrain }, entry.place));
+            let imagery = root.imagery().map(|place| demand(PageId { cell, kind: PageKind::Imagery }, place));
+            [terrain, imagery]
+        })
+        .flatten()
+        .collect()
+}

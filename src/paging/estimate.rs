@@ -1,0 +1,60 @@
+//! How many bytes a page will hold before it has been read.
+//!
+//! Terrain and imagery pages have a largest size that follows from their format. Objects grow with what is stored, by
+//! a factor that is learned from the pages that have come in: the largest factor seen so far, a quarter more, and at
+//! first [`OBJECTS_GROWTH`]. Estimates are meant to be too large rather than too small; what they miss is caught by the
+//! manager's [`reserve`](super::manager).
+
+use crate::content::{IMAGERY_STORED_PX, POSTS, PageKind, TerrainPage, TerrainPost};
+use crate::forest::index::Place;
+
+/// Decoded and uploaded bytes of a page of objects per stored byte, before any has been seen: a stored footprint corner
+/// takes about 3 bytes, its wall 4 vertices of 16 bytes and 6 indices of 4, twice (memory and GPU) while it is uploaded.
+pub const OBJECTS_GROWTH: f64 = 60.0;
+/// What a page takes beside its arrays, bytes.
+const PAGE_OVERHEAD_BYTES: u64 = 1024;
+/// RGBA8 with all mips, in memory and on the GPU.
+const IMAGERY_BYTES: u64 = 2 * (IMAGERY_STORED_PX as u64 * IMAGERY_STORED_PX as u64 * 4 * 4 / 3) + PAGE_OVERHEAD_BYTES;
+/// All posts active.
+const TERRAIN_BYTES: u64 = (POSTS * POSTS * size_of::<TerrainPost>()
+    + 2 * (POSTS - 1) * (POSTS - 1) * size_of::<[u16; 3]>()
+    + size_of::<TerrainPage>()) as u64
+    + PAGE_OVERHEAD_BYTES;
+
+/// Learned sizes.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimator {
+    objects_growth: Option<f64>,
+}
+
+impl Estimator {
+    pub const fn new() -> Self {
+        Self { objects_growth: None }
+    }
+
+    /// Bytes that a page will hold, its stored bytes while they are read included.
+    pub fn bytes(&self, kind: PageKind, place: Place) -> u64 {
+        let held = match kind {
+            PageKind::Terrain => TERRAIN_BYTES,
+            PageKind::Imagery => IMAGERY_BYTES,
+            PageKind::Objects { .. } => {
+                let growth = self.objects_growth.map_or(OBJECTS_GROWTH, |seen| seen * 1.25);
+                (growth * f64::from(place.len)).ceil() as u64 + PAGE_OVERHEAD_BYTES
+            }
+        };
+        held + u64::from(place.len)
+    }
+
+    /// Learns from a page that has come in.
+    pub fn learn(&mut self, kind: PageKind, place: Place, bytes: u64) {
+        if let PageKind::Objects { .. } = kind {
+            let growth = bytes as f64 / f64::from(place.len.max(1));
+            self.objects_growth = Some(self.objects_growth.map_or(growth, |seen| seen.max(growth)));
+        }
+    }
+}
+
+/// The largest page of a kind that can be told beforehand, bytes.
+pub const fn largest_bytes() -> u64 {
+    if IMAGERY_BYTES > TERRAIN_BYTES { IMAGERY_BYTES } else { TERRAIN_BYTES }
+}

@@ -1,0 +1,101 @@
+//! Demands as they come up in a selection: each page once, at its highest rank.
+
+use super::{Demand, Urgency};
+use crate::content::{PageId, PageKind};
+use crate::forest::CellId;
+use crate::forest::index::{IndexForest, Node, Place};
+use std::collections::HashMap;
+
+/// Gains of the zones' coarsest pages, before all else: with them there is never a hole.
+const ROOT_TERRAIN_GAIN: f64 = 1e30;
+const ROOT_IMAGERY_GAIN: f64 = 1e29;
+/// Gain of the ground under the eye: the finest first, which alone makes the ground right.
+const GROUND_GAIN: f64 = 1e20;
+/// Share of a page's full error that counts when it is drawn already or stood in for: keeps the order among them.
+const KEEP_SHARE: f64 = 1e-6;
+/// Errors beyond this count as this, so that gains stay finite.
+const ERROR_MAX_PX: f64 = 1e6;
+/// What a piece counts that is in view by its box and yet has no share of the screen.
+const SHARE_MIN: f64 = 1e-9;
+
+#[derive(Clone, Copy)]
+struct Wish {
+    place: Place,
+    urgency: Urgency,
+    gain: f64,
+    missing: bool,
+}
+
+/// What a page of the front does for a part of the screen.
+#[derive(Clone, Copy, Debug)]
+pub struct Part {
+    /// Of the screen, 0 to 1.
+    pub share: f64,
+    /// By how much the excess falls when the page is there.
+    pub fall_px: f64,
+    /// Error drawn now.
+    pub error_px: f64,
+    /// Whether the page is not resident.
+    pub missing: bool,
+}
+
+#[derive(Default)]
+pub struct DemandList {
+    wishes: HashMap<PageId, Wish>,
+}
+
+impl DemandList {
+    pub fn pin_roots(&mut self, index: &IndexForest) {
+        for root in index.trees().map(|tree| tree.root()) {
+            if let Some(terrain) = root.terrain() {
+                self.raise(root.cell(), PageKind::Terrain, terrain.place, Urgency::Blocking, ROOT_TERRAIN_GAIN);
+            }
+            if let Some(place) = root.imagery() {
+                self.raise(root.cell(), PageKind::Imagery, place, Urgency::Blocking, ROOT_IMAGERY_GAIN);
+            }
+        }
+    }
+
+    pub fn ground(&mut self, node: &Node<'_>) {
+        if let Some(terrain) = node.terrain() {
+            let gain = GROUND_GAIN + f64::from(node.cell().level()) * (GROUND_GAIN / 100.0);
+            self.raise(node.cell(), PageKind::Terrain, terrain.place, Urgency::Blocking, gain);
+        }
+    }
+
+    fn raise(&mut self, cell: CellId, kind: PageKind, place: Place, urgency: Urgency, gain: f64) {
+        let wish = self.wishes.entry(PageId { cell, kind }).or_insert(Wish { place, urgency, gain, missing: false });
+        if wish.urgency <= urgency {
+            wish.gain = if wish.urgency == urgency { wish.gain.max(gain) } else { gain };
+            wish.urgency = urgency;
+        }
+    }
+
+    /// A page of the front, for a part of the screen; what the parts give adds up.
+    pub fn visible(&mut self, page: PageId, place: Place, part: Part) {
+        let fall_px = part.fall_px.max(0.0) + KEEP_SHARE * part.error_px.min(ERROR_MAX_PX);
+        let gain = (part.share + SHARE_MIN) * fall_px / f64::from(place.len.max(1));
+        let wish =
+            self.wishes.entry(page).or_insert(Wish { place, urgency: Urgency::Visible, gain: 0.0, missing: false });
+        wish.missing |= part.missing;
+        if wish.urgency == Urgency::Visible {
+            wish.gain += gain;
+        }
+    }
+
+    /// Pages of the front that are not resident.
+    pub fn missing(&self) -> usize {
+        self.wishes.values().filter(|wish| wish.missing).count()
+    }
+
+    /// In the order of service.
+    pub fn finish(self) -> Vec<Demand> {
+        let mut demands: Vec<Demand> = self
+            .wishes
+            .into_iter()
+            .map(|(page, Wish { place, urgency, gain, .. })| Demand { page, place, urgency, gain })
+            .collect();
+        demands.sort_by(|a, b| b.urgency.cmp(&a.urgency).then(b.gain.total_cmp(&a.gain)).then(a.page.cmp(&b.page)));
+        demands
+    }
+}

@@ -1,0 +1,140 @@
+//! One layer on the way down the tree: what the front wants, what is there to be drawn, what the world has.
+
+use super::sight::Tolerance;
+use crate::forest::CellId;
+use crate::forest::index::{Node, Place};
+
+/// A page that exists, with its error on the ground.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Rep {
+    pub cell: CellId,
+    pub place: Place,
+    /// `error_m` of terrain; ground size of a texel of imagery.
+    pub error_m: f64,
+    /// Of the parent's page; its own where there is no parent.
+    pub parent_error_m: f64,
+}
+
+impl Rep {
+    /// Morph weight: at the distance where the parent's error is the tolerance 0, which draws the parent's surface;
+    /// at that where the own error is, 1. So a page comes out of its parent without a pop.
+    pub fn own_weight(&self, px_per_m: f64, tolerance_px: f64) -> f64 {
+        let (own_px, parent_px) = (self.error_m * px_per_m, self.parent_error_m * px_per_m);
+        if self.parent_error_m <= self.error_m {
+            // The root, or a parent that is no worse: nothing to morph from.
+            return 1.0;
+        }
+        ((parent_px - tolerance_px) / (parent_px - own_px)).clamp(0.0, 1.0)
+    }
+
+    /// Error of the surface morphed by `own`, metres.
+    pub fn morphed_error_m(&self, own: f64) -> f64 {
+        own * self.error_m + (1.0 - own) * self.parent_error_m
+    }
+}
+
+/// What a node offers in a layer.
+#[derive(Clone, Copy, Debug)]
+pub struct Offer {
+    pub rep: Option<Rep>,
+    pub resident: bool,
+    /// Whether a child has a page of the layer. Pages of a layer exist from the root down without gaps, so that no
+    /// deeper look is needed.
+    pub finer: bool,
+}
+
+/// How far down to go.
+#[derive(Clone, Copy, Debug, Default)]
+struct Descent {
+    rep: Option<Rep>,
+    settled: bool,
+}
+
+impl Descent {
+    fn step(&mut self, offer: &Offer, px_per_m: f64, tolerance_px: f64) {
+        if self.settled {
+            return;
+        }
+        self.rep = offer.rep.or(self.rep);
+        let fine = offer.rep.is_some_and(|rep| rep.error_m * px_per_m <= tolerance_px);
+        self.settled = fine || !offer.finer;
+    }
+}
+
+/// State of a layer at a cell, carried from the root down.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Layer {
+    /// At the tolerance drawn.
+    front: Descent,
+    /// At the tolerance asked for: what the settled front has.
+    best: Descent,
+    drawn: Option<Rep>,
+    /// The page of the cell above, resident or not.
+    above: Option<Rep>,
+}
+
+impl Layer {
+    pub fn step(&mut self, offer: &Offer, px_per_m: f64, tolerance: Tolerance) {
+        let still_wanted = !self.front.settled || !self.front_is_drawn();
+        self.front.step(offer, px_per_m, tolerance.drawn_px);
+        self.best.step(offer, px_per_m, tolerance.asked_px);
+        self.above = offer.rep.or(self.above);
+        // Below the front pages are drawn only while they stand in for a page of the front that is missing.
+        if offer.resident && still_wanted {
+            self.drawn = offer.rep.or(self.drawn);
+        }
+    }
+
+    /// Nothing finer exists here: the cell has no node.
+    pub fn settle(&mut self) {
+        self.front.settled = true;
+        self.best.settled = true;
+    }
+
+    pub fn is_settled(&self) -> bool {
+        self.front.settled && self.best.settled
+    }
+
+    pub fn front_is_settled(&self) -> bool {
+        self.front.settled
+    }
+
+    /// Whether the page of the front is drawn, or a finer one in its place.
+    pub fn front_is_drawn(&self) -> bool {
+        match (self.front.rep, self.drawn) {
+            (Some(front), Some(drawn)) => drawn.cell.level() >= front.cell.level(),
+            (front, _) => front.is_none(),
+        }
+    }
+
+    pub fn front(&self) -> Option<Rep> {
+        self.front.rep
+    }
+
+    pub fn best(&self) -> Option<Rep> {
+        self.best.rep
+    }
+
+    pub fn drawn(&self) -> Option<Rep> {
+        self.drawn
+    }
+
+    /// The rep of a node's page, whose parent is the page met before.
+    fn rep_below(&self, cell: CellId, place: Place, error_m: f64) -> Rep {
+        Rep { cell, place, error_m, parent_error_m: self.above.map_or(error_m, |above| above.error_m) }
+    }
+
+    pub fn terrain_rep(&self, node: &Node<'_>) -> Option<Rep> {
+        node.terrain().map(|entry| self.rep_below(node.cell(), entry.place, f64::from(entry.error_m)))
+    }
+
+    pub fn imagery_rep(&self, node: &Node<'_>) -> Option<Rep> {
+        node.imagery().map(|place| self.rep_below(node.cell(), place, texel_m(node.cell())))
+    }
+}
+
+/// Ground size of a texel: that of the longer side over the texels along it, metres.
+fn texel_m(cell: CellId) -> f64 {
+    let sides = cell.sides_m();
+    sides.south_m.max(sides.north_m).max(sides.height_m) / f64::from(crate::content::IMAGERY_PX)
+}

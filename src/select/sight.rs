@@ -1,0 +1,169 @@
+//! What one view sees: culling by frustum and horizon, distances, and shares of the screen.
+
+use crate::camera::{Frustum, View};
+use crate::forest::index::IndexForest;
+use crate::geodesy::{Ecef, GeoBounds, HorizonCone, OrientedBox, Point};
+use glam::{DVec2, DVec3};
+
+/// Cells wider than this are looked at in parts when their share of the screen is taken: a flat quad would cut too
+/// deep into the Earth.
+const QUAD_MAX_RAD: f64 = 0.1;
+/// Corners closer to the eye's plane than this are clipped, metres.
+const NEAR_M: f64 = 0.01;
+
+/// The tolerance asked for, and the one drawn where memory or time lack; the drawn one is not below the asked one.
+#[derive(Clone, Copy, Debug)]
+pub struct Tolerance {
+    pub asked_px: f64,
+    pub drawn_px: f64,
+}
+
+pub struct Sight<'a> {
+    pub view: &'a View,
+    pub tolerance: Tolerance,
+    pub eye: Point<Ecef>,
+    pub frustum: Frustum,
+    pub horizon: HorizonCone,
+    half_tan: DVec2,
+}
+
+impl<'a> Sight<'a> {
+    pub fn new(index: &IndexForest, view: &'a View, tolerance: Tolerance) -> Self {
+        let lowest_m = index.trees().map(|tree| tree.root().height_range_m().0).fold(0.0, f64::min);
+        let tan_y = (view.fov_y_rad / 2.0).tan();
+        Self {
+            view,
+            tolerance,
+            eye: view.eye(),
+            frustum: view.frustum(),
+            horizon: HorizonCone::new(view.eye(), -lowest_m),
+            half_tan: DVec2::new(tan_y * view.aspect(), tan_y),
+        }
+    }
+
+    /// False when the box is out of the view or behind the horizon.
+    pub fn sees(&self, bounds: &OrientedBox) -> bool {
+        self.frustum.meets(bounds) && !self.horizon.hides_box(bounds)
+    }
+
+    /// Share of the screen, 0 to 1, of the quad between the corners of a cell at `height_m`, clipped to the viewport;
+    /// parts behind the horizon do not count, what stands in front of it does not hide it (design §7).
+    pub fn screen_share(&self, bounds: &GeoBounds, height_m: f64) -> f64 {
+        let side = bounds.width_rad().max(bounds.height_rad());
+        let parts = (side / QUAD_MAX_RAD).ceil().clamp(1.0, 8.0) as u32;
+        let step = 1.0 / f64::from(parts);
+        let mut share = 0.0;
+        for row in 0..parts {
+            for column in 0..parts {
+                let (u, v) = (f64::from(column) * step, f64::from(row) * step);
+                let corners = [(u, v), (u + step, v), (u + step, v + step), (u, v + step)];
+                share += self.quad_share(corners.map(|(u, v)| bounds.at(u, v, height_m).to_ecef()));
+            }
+        }
+        share.min(1.0)
+    }
+
+    fn quad_share(&self, corners: [Point<Ecef>; 4]) -> f64 {
+        if corners.iter().all(|&corner| self.horizon.hides(corner)) {
+            return 0.0;
+        }
+        let view_from_ecef = self.view.ecef_from_view().inverse();
+        let mut polygon = Polygon::new(corners.map(|corner| (view_from_ecef * corner).xyz()));
+        polygon.clip(|p| -p.z - NEAR_M);
+        for sign in [-1.0, 1.0] {
+            polygon.clip(|p| -p.z * self.half_tan.x + sign * p.x);
+            polygon.clip(|p| -p.z * self.half_tan.y + sign * p.y);
+        }
+        polygon.area(|p| DVec2::new(p.x, p.y) / (-p.z * self.half_tan)) / 4.0
+    }
+}
+
+/// A convex polygon; a quad clipped by five planes has at most nine corners.
+struct Polygon {
+    corners: [DVec3; 9],
+    len: usize,
+}
+
+impl Polygon {
+    fn new(quad: [DVec3; 4]) -> Self {
+        let mut corners = [DVec3::ZERO; 9];
+        corners[..4].copy_from_slice(&quad);
+        Self { corners, len: 4 }
+    }
+
+    /// Keeps what has a distance of at least 0 (Sutherland, Hodgman 1974).
+    fn clip(&mut self, distance: impl Fn(DVec3) -> f64) {
+        let (before, len) = (self.corners, self.len);
+        self.len = 0;
+        for at in 0..len {
+            let (from, to) = (before[at], before[(at + 1) % len]);
+            let (d_from, d_to) = (distance(from), distance(to));
+            if d_from >= 0.0 {
+                self.push(from);
+            }
+            if (d_from >= 0.0) != (d_to >= 0.0) {
+                self.push(from.lerp(to, d_from / (d_from - d_to)));
+            }
+        }
+    }
+
+    fn push(&mut self, corner: DVec3) {
+        // A quad that is not quite flat may be cut more often than a convex one; the loss is a sliver.
+        if let Some(slot) = self.corners.get_mut(self.len) {
+            *slot = corner;
+            self.len += 1;
+        }
+    }
+
+    fn area(&self, project: impl Fn(DVec3) -> DVec2) -> f64 {
+        let corners = &self.corners[..self.len];
+        let twice: f64 =
+            (0..self.len).map(|at| project(corners[at]).perp_dot(project(corners[(at + 1) % self.len]))).sum();
+        twice.abs() / 2.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Pose;
+    use crate::geodesy::Geodetic;
+
+    fn share(view: &View, bounds: &GeoBounds) -> f64 {
+        let index = IndexForest::default();
+        Sight::new(&index, view, Tolerance { asked_px: 1.0, drawn_px: 1.0 }).screen_share(bounds, 0.0)
+    }
+
+    fn looking_down(height_m: f64) -> View {
+        let eye = Geodetic::from_degrees(10.0, 20.0, height_m);
+        let pose = Pose { eye, heading_rad: 0.3, pitch_rad: -std::f64::consts::FRAC_PI_2 };
+        View::new(pose, 1.0, [640, 360])
+    }
+
+    #[test]
+    fn a_quad_below_the_eye_has_its_share() {
+        let view = looking_down(10_000.0);
+        assert!((share(&view, &GeoBounds::from_degrees(18.0, 8.0, 22.0, 12.0)) - 1.0).abs() < 1e-9);
+        let (side_m, focal) = (1000.0, view.focal_px());
+        let half = side_m / 2.0 / 6_378_137.0;
+        let (lat, lon) = (10f64.to_radians(), 20f64.to_radians());
+        let small = GeoBounds {
+            west_rad: lon - half / lat.cos(),
+            east_rad: lon + half / lat.cos(),
+            south_rad: lat - half,
+            north_rad: lat + half,
+        };
+        let expected = (side_m * focal / 10_000.0f64).powi(2) / (640.0 * 360.0);
+        assert!((share(&view, &small) / expected - 1.0).abs() < 0.01, "{}", share(&view, &small) / expected);
+    }
+
+    #[test]
+    fn what_is_behind_the_eye_or_the_earth_has_none() {
+        let view = looking_down(1e7);
+        assert_eq!(share(&view, &GeoBounds::from_degrees(-165.0, -15.0, -155.0, -5.0)), 0.0);
+        let eye = Geodetic::from_degrees(10.0, 20.0, 1000.0);
+        let level = View::new(Pose { eye, heading_rad: 0.0, pitch_rad: 0.0 }, 1.0, [640, 360]);
+        assert_eq!(share(&level, &GeoBounds::from_degrees(19.9, 9.8, 20.1, 9.95)), 0.0);
+        assert!(share(&level, &GeoBounds::from_degrees(19.9, 10.05, 20.1, 10.2)) > 0.0);
+    }
+}

@@ -1,0 +1,278 @@
+//! Flights over a made-up Earth, on whatever adapter there is: the same input gives the same flight, the footprint
+//! holds, nothing has a hole, a broken page costs its detail only.
+
+mod earth;
+
+use earth::{Formulas, dive, source};
+use stoop::content::PageKind;
+use stoop::engine::{Engine, EngineError, EngineParams, FrameReport, FrameRequest, Mode};
+use stoop::record::{FlightHeader, FlightLog};
+use stoop::units::ByteSize;
+
+const SIZE_PX: [u32; 2] = [160, 90];
+const FRAMES: u32 = 60;
+const LOW_M: f64 = 30.0;
+
+fn engine(reader: Formulas, params: EngineParams) -> Engine {
+    Engine::new(source(reader), params).unwrap()
+}
+
+/// Flies the dive, hovers as long again, and audits every `audit`th frame (0: none).
+fn fly(engine: &mut Engine, audit: u32) -> Vec<FrameReport> {
+    let mut reports = Vec::new();
+    for number in 0..2 * FRAMES {
+        let way = f64::from(number.min(FRAMES)) / f64::from(FRAMES);
+        let audited = audit > 0 && number % audit == 0;
+        let view = dive(way, LOW_M, SIZE_PX);
+        let request = FrameRequest { view, t_s: f64::from(number) / 60.0, ids: audited };
+        let mut report = engine.frame(&request).unwrap();
+        if audited {
+            report.holes = Some(engine.count_holes(&request).unwrap());
+        }
+        reports.push(report);
+    }
+    reports
+}
+
+fn params(mode: Mode) -> EngineParams {
+    EngineParams { mode, ..EngineParams::default() }
+}
+
+#[test]
+fn the_same_flight_twice_gives_the_same_report_to_the_byte() {
+    let fly_once = || {
+        let mut engine = engine(Formulas::default(), params(Mode::LockStep));
+        let mut log = FlightLog::new(FlightHeader { arrivals_s: vec![1.0], ..FlightHeader::default() });
+        log.frames = fly(&mut engine, 0);
+        log.wasted_bytes = engine.wasted_bytes();
+        let mut summary = serde_json::to_value(log.summary()).unwrap();
+        for clock in ["first_frame_ms", "frame_ms", "cpu_ms", "peak_rss_bytes"] {
+            summary.as_object_mut().unwrap().remove(clock);
+        }
+        (log.frames_csv(), summary, engine.read_color().unwrap())
+    };
+    let (first, second) = (fly_once(), fly_once());
+    assert_eq!(first.0, second.0);
+    assert_eq!(first.1, second.1);
+    assert_eq!(first.2, second.2);
+}
+
+#[test]
+fn a_dive_has_no_hole_and_becomes_sharp_where_it_ends() {
+    let mut engine = engine(Formulas::default(), params(Mode::LockStep));
+    let reports = fly(&mut engine, 3);
+    assert_eq!(reports.iter().filter_map(|report| report.holes).sum::<u64>(), 0);
+    let last = reports.last().unwrap();
+    assert_eq!((last.debt_px, last.excess_max_px, last.pages_missing), (0.0, 0.0, 0));
+    assert!(last.coverage > 0.999 && !last.would_have_waited, "{last:?}");
+    assert!(last.objects_drawn > 0 && last.triangles > 0, "{last:?}");
+    assert!(reports.iter().any(|report| report.would_have_waited), "a dive without a page to wait for shows nothing");
+    assert!(reports.iter().all(|report| report.failed == 0));
+}
+
+#[test]
+fn the_footprint_holds_in_every_frame_and_quality_gives_way() {
+    let least = match Engine::new(
+        source(Formulas::default()),
+        EngineParams { footprint: ByteSize(1 << 20), ..params(Mode::LockStep) },
+    ) {
+        Err(EngineError::FootprintTooSmall { least, .. }) => least,
+        Err(other) => panic!("{other}"),
+        Ok(_) => panic!("a mebibyte cannot be enough"),
+    };
+    for footprint in [least, ByteSize(96 << 20), ByteSize(256 << 20)] {
+        let mut engine = engine(Formulas::default(), EngineParams { footprint, ..params(Mode::LockStep) });
+        for report in fly(&mut engine, 20) {
+            assert!(report.footprint_bytes <= footprint.0, "{footprint}: {report:?}");
+            assert!(report.tolerance_drawn_px >= 1.0);
+            assert_eq!(report.holes.unwrap_or(0), 0, "{footprint}: {report:?}");
+        }
+    }
+    // A front that cannot fit is drawn coarser, and the debt says so.
+    let wish = EngineParams { footprint: least, tolerance_px: 0.02, ..params(Mode::LockStep) };
+    let reports = fly(&mut engine(Formulas::default(), wish), 0);
+    for report in &reports {
+        assert!(report.footprint_bytes <= least.0, "{least}: {report:?}");
+    }
+    let raised = |report: &&FrameReport| report.tolerance_drawn_px > wish.tolerance_px;
+    assert!(reports.iter().any(|report| raised(&report)));
+    assert!(reports.iter().filter(raised).any(|report| report.debt_px > 0.0));
+}
+
+#[test]
+fn settled_frames_owe_nothing() {
+    let mut engine = engine(Formulas::default(), params(Mode::Settled));
+    for report in fly(&mut engine, 0) {
+        assert_eq!((report.debt_px, report.pages_missing, report.in_flight), (0.0, 0, 0), "{report:?}");
+    }
+}
+
+#[test]
+fn a_broken_page_is_counted_and_the_flight_goes_on() {
+    let broken = [
+        earth::page_under_the_dive(5, PageKind::Terrain),
+        earth::page_under_the_dive(9, PageKind::Imagery),
+        earth::houses_page(),
+    ];
+    let reader = Formulas { broken: broken.into_iter().collect() };
+    for mode in [Mode::LockStep, Mode::Settled] {
+        let reader = Formulas { broken: reader.broken.clone() };
+        let mut engine = engine(reader, params(mode));
+        let reports = fly(&mut engine, 20);
+        assert_eq!(reports.iter().map(|report| report.failed).sum::<u64>(), 3);
+        assert_eq!(reports.iter().filter_map(|report| report.holes).sum::<u64>(), 0);
+        assert_eq!(engine.take_failures().len(), 3);
+    }
+}
+
+#[test]
+fn a_live_flight_ends_and_shuts_its_threads_down() {
+    let mut engine = engine(Formulas::default(), params(Mode::Live));
+    let reports = fly(&mut engine, 0);
+    assert_eq!(reports.len(), 2 * FRAMES as usize);
+    assert!(reports.iter().map(|report| report.bytes_read).sum::<u64>() > 0);
+    assert!(reports.iter().all(|report| report.timings.frame_ms > 0.0));
+}
+
+#[test]
+fn ground_above_the_eye_is_pressed_and_counted() {
+    let mut engine = engine(Formulas::default(), params(Mode::Settled));
+    let mut view = dive(1.0, LOW_M, SIZE_PX);
+    view.pose.eye.height_m -= LOW_M + 20.0;
+    let view = stoop::camera::View::new(view.pose, view.fov_y_rad, view.size_px);
+    let report = engine.frame(&FrameRequest { view, t_s: 0.0, ids: true }).unwrap();
+    assert!(report.ground_pressed);
+    let depth = engine.read_depth().unwrap();
+    assert!(depth.iter().all(|&metres| metres > 0.2), "the ground must not touch the eye");
+}
+
+/// Runs the program; gives exit status and what it said on standard error.
+fn stoop(arguments: &[&str]) -> (i32, String) {
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_stoop")).args(arguments).output().unwrap();
+    (output.status.code().unwrap(), String::from_utf8(output.stderr).unwrap())
+}
+
+#[test]
+fn flags_of_later_versions_are_refused_in_one_line() {
+    for flag in [
+        vec!["--virtual", "wan"],
+        vec!["--policy", "foresight"],
+        vec!["--policy-params", "f"],
+        vec!["--layout", "l"],
+        vec!["--no-level-skip"],
+        vec!["--sync-reads"],
+        vec!["--storage", "hdd"],
+        vec!["--faults", "errors=0.1"],
+        vec!["--frame-ms", "33"],
+    ] {
+        let (code, said) = stoop(&[&["fly", "world", "--path", "path.json"], &*flag].concat());
+        assert_eq!(code, 2, "{flag:?}: {said}");
+        assert!(said.contains("not supported by this version") && said.contains(flag[0]), "{flag:?}: {said}");
+        assert_eq!(said.lines().count(), 1, "{flag:?}: {said}");
+    }
+}
+
+#[test]
+fn wrong_usage_is_told_in_one_line() {
+    for arguments in [
+        &["fly"][..],
+        &["fly", "world", "--path", "f", "--policy", "luck"],
+        &["fly", "world", "--path", "f", "--live", "--settled"],
+        &["fly", "world", "--path", "f", "--at-secs", "1"],
+        &["fly", "world", "--path", "f", "--size", "640"],
+        &["fly", "world", "--path", "f", "--footprint", "12MB"],
+        &["fly", "world", "--path", "f", "--tolerance-px", "0"],
+        &["shot", "world", "--lon-deg", "0", "--lat-deg", "91", "--height-m", "0", "--out", "f"],
+        &[],
+    ] {
+        let (code, said) = stoop(arguments);
+        assert_eq!((code, said.lines().count()), (2, 1), "{arguments:?}: {said}");
+        assert!(said.starts_with("stoop: "), "{said}");
+    }
+}
+
+#[test]
+fn missing_files_are_named_in_one_line() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("path.json");
+    let path = path.to_str().unwrap();
+    let (code, said) = stoop(&["fly", "world", "--path", path]);
+    assert!(code == 1 && said.contains("path.json") && said.lines().count() == 1, "{said}");
+    let columns = r#"["t_s", "lon_deg", "lat_deg", "height_m", "heading_deg", "pitch_deg"]"#;
+    let text = format!(r#"{{"columns": {columns}, "samples": [[0, 0, 0, 1e6, 0, -90]]}}"#);
+    std::fs::write(path, text).unwrap();
+    let (code, said) = stoop(&["fly", "no/such/world", "--path", path]);
+    assert!(code == 1 && said.contains("no/such/world") && said.lines().count() == 1, "{said}");
+}
+
+/// The made-up Earth and a dive over it, on disk.
+fn world_on_disk() -> (tempfile::TempDir, impl Fn(&str) -> String) {
+    let folder = tempfile::tempdir().unwrap();
+    earth::write(&folder.path().join("world"));
+    std::fs::write(folder.path().join("path.json"), earth::path_json(LOW_M)).unwrap();
+    let root = folder.path().to_owned();
+    (folder, move |name| root.join(name).to_str().unwrap().to_owned())
+}
+
+fn read_json(file: &str) -> serde_json::Value {
+    serde_json::from_str(&std::fs::read_to_string(file).unwrap()).unwrap()
+}
+
+#[test]
+fn the_program_flies_a_world_on_disk_in_every_mode() {
+    let (_folder, at) = world_on_disk();
+    let (world, path) = (at("world"), at("path.json"));
+    for mode in [&[][..], &["--settled"], &["--live"]] {
+        let report = at("report.json");
+        let size = ["--size", "96x54", "--report", &report];
+        let (code, said) = stoop(&[&["fly", &world, "--path", &path], &size[..], mode].concat());
+        assert_eq!(code, 0, "{mode:?}: {said}");
+        let report = read_json(&report);
+        assert_eq!(report["mode"], mode.first().map_or("lockstep", |mode| &mode[2..]));
+        assert!((report["seconds"].as_f64().unwrap() - 3.0).abs() < 0.01 && report["failed"] == 0, "{report}");
+        assert!(report["footprint_max_bytes"].as_u64() <= report["footprint_limit_bytes"].as_u64());
+        let frames = report["frames"].as_u64().unwrap();
+        let rows = std::fs::read_to_string(at("frames.csv")).unwrap().lines().count() as u64;
+        assert_eq!(rows, frames + 1);
+        match mode.first() {
+            Some(&"--live") => assert!(frames > 1),
+            Some(_) => assert_eq!((frames, &report["debt_px_s"]), (91, &0.0.into())),
+            None => assert_eq!(frames, 91),
+        }
+        let arrival = &report["arrivals"][0];
+        assert!(arrival["at_s"].as_f64().unwrap() > 0.5, "{arrival}");
+    }
+}
+
+#[test]
+fn pictures_ids_and_depths_are_written_when_asked() {
+    let (_folder, at) = world_on_disk();
+    let outputs = ["--frames", &at("f"), "--aov", &at("a"), "--at-secs", "0,2.5", "--report", &at("report.json")];
+    let flight = ["fly", &at("world"), "--path", &at("path.json"), "--size", "64x36"];
+    let (code, said) = stoop(&[&flight[..], &outputs].concat());
+    assert_eq!(code, 0, "{said}");
+    assert_eq!(read_json(&at("report.json"))["holes"], 0, "pictures are audited unless told otherwise");
+    for name in ["t0000.00", "t0002.50"] {
+        assert_eq!(image::open(at(&format!("f/{name}.png"))).unwrap().to_rgb8().dimensions(), (64, 36));
+        let ids = std::fs::read(at(&format!("a/{name}.ids.npy"))).unwrap();
+        let depth = std::fs::read(at(&format!("a/{name}.depth.npy"))).unwrap();
+        assert!(ids.len() == 128 + 64 * 36 * 4 && depth.len() == ids.len());
+        let legend = read_json(&at(&format!("a/{name}.ids.json")));
+        assert!(!legend.as_object().unwrap().is_empty());
+        assert!(legend.as_object().unwrap().values().all(|meaning| !meaning.is_null()), "{legend}");
+    }
+    assert_eq!(std::fs::read_dir(at("f")).unwrap().count(), 2);
+    let low = read_json(&at("a/t0002.50.ids.json"));
+    assert!(low.as_object().unwrap().values().any(|meaning| meaning["collection"] == "houses"), "{low}");
+}
+
+#[test]
+fn a_shot_is_taken_settled() {
+    let (_folder, at) = world_on_disk();
+    let place = ["--lon-deg", "-84.39", "--lat-deg", "33.75", "--height-m", "3000", "--size", "64x36"];
+    let (code, said) = stoop(&[&["shot", &at("world"), "--out", &at("shot.png")], &place[..]].concat());
+    assert_eq!(code, 0, "{said}");
+    assert_eq!(image::open(at("shot.png")).unwrap().to_rgb8().dimensions(), (64, 36));
+    let (code, said) = stoop(&[&["shot", &at("world"), "--out", &at("no/shot.png")], &place[..]].concat());
+    assert!(code == 1 && said.contains("no/shot.png"), "{said}");
+}
