@@ -5,6 +5,7 @@ pub mod crs;
 pub mod elevation;
 pub mod error;
 pub mod imagery_source;
+pub mod placement;
 pub mod raster;
 pub mod recipe;
 pub mod source;
