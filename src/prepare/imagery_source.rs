@@ -2,7 +2,7 @@
 
 mod georeferenced;
 
-use super::crs::overlap;
+use super::placement::overlap;
 use super::raster::picture::{to_linear, to_srgb};
 use super::recipe::ImagerySection;
 use super::source::{SourceFile, resolve};

@@ -11,7 +11,11 @@ pub mod expression;
 mod geotiff_write;
 pub mod imagery;
 pub mod imagery_source;
+<<<<<<< HEAD
 pub mod pipeline;
+=======
+pub mod placement;
+>>>>>>> raster
 pub mod raster;
 pub mod recipe;
 mod recipe_hash;

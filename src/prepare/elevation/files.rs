@@ -1,7 +1,8 @@
 //! From a recipe's section to lattices of posts: every file opened, and those that share a lattice joined.
 
 use crate::prepare::PrepareError;
-use crate::prepare::crs::{Affine, Crs, Placement};
+use crate::prepare::crs::{Affine, Crs};
+use crate::prepare::placement::Placement;
 use crate::prepare::raster::blocks::{BlockCache, BlockReader};
 use crate::prepare::raster::geotiff::{GeoTiff, TiffHeights};
 use crate::prepare::raster::grid::{HeightGrid, Tile};

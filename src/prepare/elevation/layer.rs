@@ -2,7 +2,7 @@
 
 use super::RefineGoals;
 use crate::geodesy::{GeoBounds, VerticalDatum};
-use crate::prepare::crs::overlap;
+use crate::prepare::placement::overlap;
 use crate::prepare::raster::blocks::BlockCache;
 use crate::prepare::raster::grid::{Cursor, HeightGrid, Place, Span};
 use crate::prepare::recipe::{DEFAULT_PRUNE_ERROR_M, ElevationSection};

@@ -3,7 +3,8 @@
 use super::PictureSource;
 use crate::geodesy::{GeoBounds, SEMI_MAJOR_M};
 use crate::prepare::PrepareError;
-use crate::prepare::crs::{Affine, Crs, Placement};
+use crate::prepare::crs::{Affine, Crs};
+use crate::prepare::placement::Placement;
 use crate::prepare::raster::geotiff::GeoTiff;
 use crate::prepare::raster::picture::{self, Light, Picture};
 use crate::prepare::recipe::ImagerySection;

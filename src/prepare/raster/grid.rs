@@ -2,7 +2,7 @@
 
 use super::blocks::{Block, BlockCache, BlockLayout};
 use crate::geodesy::{GeoBounds, SEMI_MAJOR_M};
-use crate::prepare::crs::{CONTROL_TOLERANCE, Placement};
+use crate::prepare::placement::{CONTROL_TOLERANCE, Placement};
 use std::sync::Arc;
 
 /// Posts on one lattice; row 0 is the first in the files, north or south.
