@@ -217,7 +217,7 @@ pub struct Warp {
 }
 
 /// Control grids are this close to PROJ, in samples of the raster.
-const CONTROL_TOLERANCE: f64 = 1e-3;
+pub const CONTROL_TOLERANCE: f64 = 1e-3;
 
 impl Placement {
     /// For `cols` × `rows` samples; `file` is for messages.
@@ -443,6 +443,11 @@ fn cut_at_antimeridian(west: f64, south: f64, east: f64, north: f64) -> Vec<GeoB
         GeoBounds::from_degrees(west, south, 180.0, north),
         GeoBounds::from_degrees(-180.0, south, east - 360.0, north),
     ]
+}
+
+/// Whether two rectangles share more ground than a border of `width_rad`.
+pub fn overlap(a: &GeoBounds, b: &GeoBounds, width_rad: f64) -> bool {
+    a.intersection(b).is_some_and(|shared| shared.width_rad() > width_rad && shared.height_rad() > width_rad)
 }
 
 #[cfg(test)]

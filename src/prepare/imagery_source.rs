@@ -2,6 +2,7 @@
 
 mod georeferenced;
 
+use super::crs::overlap;
 use super::raster::picture::{to_linear, to_srgb};
 use super::recipe::ImagerySection;
 use super::source::{SourceFile, resolve};
@@ -97,10 +98,12 @@ impl Pictures {
         (left < 1.0).then(|| light.map(|sum| to_srgb(sum / (1.0 - left.max(0.0)))))
     }
 
-    /// The finest texel of the sources that meet the bounds; none where no source is.
+    /// The finest texel of the sources that share ground (more than a border) with the bounds; none where no source is.
     pub fn finest_texel_rad(&self, bounds: &GeoBounds) -> Option<f64> {
-        let meets = |placed: &&Placed| placed.bounds.iter().any(|b| b.intersects(bounds));
-        self.sources.iter().find(meets).map(|placed| placed.texel_rad)
+        /// Bounds that share less than this part of a texel only touch.
+        const BORDER: f64 = 0.01;
+        let shares = |placed: &&Placed| placed.bounds.iter().any(|b| overlap(b, bounds, placed.texel_rad * BORDER));
+        self.sources.iter().find(shares).map(|placed| placed.texel_rad)
     }
 
     /// What the manifest keeps of the sources; files of one section together.

@@ -3,9 +3,11 @@
 
 pub mod against;
 pub mod assemble;
+pub mod buildings;
 pub mod crs;
 pub mod elevation;
 pub mod error;
+pub mod expression;
 pub mod imagery;
 pub mod imagery_source;
 pub mod pipeline;
@@ -16,6 +18,7 @@ pub mod source;
 pub mod stage;
 pub mod task;
 pub mod terrain;
+pub mod vector;
 pub mod zone;
 
 pub use elevation::Elevation;

@@ -2,6 +2,7 @@
 
 use super::RefineGoals;
 use crate::geodesy::{GeoBounds, VerticalDatum};
+use crate::prepare::crs::overlap;
 use crate::prepare::raster::blocks::BlockCache;
 use crate::prepare::raster::grid::{Cursor, HeightGrid, Place, Span};
 use crate::prepare::recipe::{DEFAULT_PRUNE_ERROR_M, ElevationSection};
@@ -43,6 +44,8 @@ type Fill<'a> = &'a dyn Fn(f64, f64) -> Option<f64>;
 
 /// Width of the default feather, posts.
 const DEFAULT_FEATHER_POSTS: f64 = 16.0;
+/// Bounds that share less than this part of a post's spacing only touch.
+const BORDER: f64 = 0.01;
 /// A feather is never wider than this part of its grid's lesser side.
 const WIDEST_FEATHER: f64 = 0.25;
 
@@ -63,6 +66,11 @@ impl Layer {
 
     pub fn meets(&self, bounds: &GeoBounds) -> bool {
         self.bounds.iter().any(|own| own.intersects(bounds))
+    }
+
+    /// More than a touch of borders.
+    pub fn shares_ground(&self, bounds: &GeoBounds) -> bool {
+        self.bounds.iter().any(|own| overlap(own, bounds, self.spacing_rad * BORDER))
     }
 
     pub fn is_ellipsoidal(&self) -> bool {

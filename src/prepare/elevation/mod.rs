@@ -128,18 +128,19 @@ impl Elevation {
         if left < 1.0 { Some(sum_m / (1.0 - left)) } else { bare_m }
     }
 
-    /// Finest north–south post spacing of the sources that meet the bounds; none where no source is.
+    /// Finest north–south post spacing of the sources that share ground (more than a border) with the bounds; none
+    /// where no source is.
     pub fn finest_spacing_rad(&self, bounds: &GeoBounds) -> Option<f64> {
         self.finest(bounds).map(|layer| layer.spacing_rad)
     }
 
-    /// The goals of the finest source that meets the bounds.
+    /// The goals of the finest source that shares ground with the bounds.
     pub fn goals(&self, bounds: &GeoBounds) -> RefineGoals {
         self.finest(bounds).map_or_else(RefineGoals::default, |layer| layer.goals)
     }
 
     fn finest(&self, bounds: &GeoBounds) -> Option<&Layer> {
-        self.layers.iter().find(|layer| layer.meets(bounds))
+        self.layers.iter().find(|layer| layer.shares_ground(bounds))
     }
 
     /// Calls `visit(lat_rad, lon_rad, height_m)` for every source post in the bounds (borders included) with the

@@ -219,4 +219,56 @@ fn memory_stays_within_its_limit_and_heights_the_same() {
     }
 }
 
+/// A chunk that a sparse file leaves out has no data.
+#[test]
+fn chunks_left_out_are_void() {
+    let folder = tempfile::tempdir().expect("folder");
+    TiffOf::new(64, 64, vec![5.0f32; 4096]).point(0.0, 10.0, 0.1).strips_of(16).write(folder.path(), "a.tif");
+    let path = folder.path().join("a.tif");
+    let mut bytes = std::fs::read(&path).expect("written");
+    test_files::leave_last_strip_out(&mut bytes);
+    std::fs::write(&path, bytes).expect("written");
+    let e = open(&section("a.tif", ""), folder.path()).expect("sound");
+    assert_eq!(e.stats()[0].voids, 16 * 64);
+}
+
+/// Projections and turned rasters: every post is found again at its own place, the last rows and columns too.
+#[test]
+fn rasters_in_other_systems_find_their_posts_again() {
+    let folder = tempfile::tempdir().expect("folder");
+    let heights: Vec<f32> = (0..60 * 50).map(|i| (i * 37 % 1000) as f32).collect();
+    for (code, west, north, step) in [
+        (32_632, 500_000.0, 5_500_000.0, 30.0),
+        (3031, -300_000.0, 250_000.0, 10_000.0),
+        (32_601, 200_000.0, 5_500_000.0, 3_000.0),
+        (2056, 2_600_000.0, 1_200_000.0, 0.5),
+    ] {
+        TiffOf::new(60, 50, heights.clone()).area(west, north, step).epsg(3072, code).write(folder.path(), "a.tif");
+        let e = open(&section("a.tif", "feather_m = 0"), folder.path()).expect("sound");
+        let found = posts(&e, -180.0, -90.0, 180.0, 90.0);
+        assert_eq!(found.len(), 3000, "EPSG:{code}");
+        for (post, expected) in found.iter().zip(&heights) {
+            assert_eq!(post.2, f64::from(*expected));
+            // Neighbours differ by up to 1000 m, control grids by up to 0.001 of a step.
+            assert!((at(&e, post.0, post.1) - post.2).abs() < 5.0, "EPSG:{code} {post:?} {}", at(&e, post.0, post.1));
+        }
+        let bounds = e.bounds();
+        assert!(
+            found.iter().all(|p| bounds.iter().any(|b| b.contains(p.0.to_radians(), p.1.to_radians()))),
+            "EPSG:{code}"
+        );
+    }
+}
+
+/// A neighbour that only shares a border with a source is none of its ground.
+#[test]
+fn a_touch_of_borders_asks_for_no_refinement() {
+    let folder = tempfile::tempdir().expect("folder");
+    TiffOf::new(11, 11, vec![5.0f32; 121]).point(0.0, 45.0, 0.1).write(folder.path(), "a.tif");
+    let e = open(&section("a.tif", ""), folder.path()).expect("sound");
+    assert_eq!(e.finest_spacing_rad(&GeoBounds::from_degrees(0.0, 45.0, 45.0, 90.0)), None);
+    assert_eq!(e.finest_spacing_rad(&GeoBounds::from_degrees(-45.0, 0.0, 0.0, 45.0)), None);
+    assert!(e.finest_spacing_rad(&GeoBounds::from_degrees(0.0, 0.0, 45.0, 45.0)).is_some());
+}
+
 mod real;

@@ -29,6 +29,8 @@ pub struct GeoTiff {
     /// GDAL's tag.
     pub nodata: Option<f64>,
     pub geo: GeoTags,
+    /// Chunks that the file leaves out (sparse files): they have no data.
+    left_out: Vec<bool>,
 }
 
 /// A chunk that unpacks to more is refused, bytes.
@@ -47,7 +49,12 @@ impl GeoTiff {
         let damaged = |e: TiffError| PrepareError::damaged(file, "TIFF header", e);
         let (cols, rows) = decoder.dimensions().map_err(damaged)?;
         let color = decoder.colortype().map_err(|e| {
-            PrepareError::unsupported(file, "TIFF header", e, "convert it with gdal_translate to 8 to 64 bits a sample")
+            PrepareError::value(
+                file,
+                "TIFF header",
+                e,
+                "convert it with gdal_translate (-expand rgb takes palettes away)",
+            )
         })?;
         let (block_cols, block_rows) = decoder.chunk_dimensions();
         if cols < 2 || rows < 2 || block_cols == 0 || block_rows == 0 {
@@ -65,6 +72,7 @@ impl GeoTiff {
             bands,
             nodata: gdal_nodata(&mut decoder),
             geo: geo_tags(&mut decoder),
+            left_out: left_out(&mut decoder),
             file: file.clone(),
             unpacked,
             idle: Mutex::new(Vec::new()),
@@ -91,6 +99,15 @@ impl GeoTiff {
     /// Samples' places; none without georeference.
     pub fn affine(&self) -> Option<Affine> {
         self.geo.affine()
+    }
+
+    /// Whether the file leaves a chunk out.
+    pub fn is_left_out(&self, index: u32) -> bool {
+        self.left_out.get(index as usize).copied().unwrap_or(false)
+    }
+
+    pub fn has_gaps(&self) -> bool {
+        self.left_out.contains(&true)
     }
 
     /// All samples of a chunk, bands interleaved (or one plane's).
@@ -177,6 +194,14 @@ fn sample_kind(file: &SourceFile, decoder: &mut TiffReader) -> Result<SampleKind
     }
 }
 
+fn left_out(decoder: &mut TiffReader) -> Vec<bool> {
+    let tag = match decoder.get_chunk_type() {
+        ChunkType::Strip => Tag::StripByteCounts,
+        ChunkType::Tile => Tag::TileByteCounts,
+    };
+    decoder.get_tag_u64_vec(tag).unwrap_or_default().into_iter().map(|bytes| bytes == 0).collect()
+}
+
 fn gdal_nodata(decoder: &mut TiffReader) -> Option<f64> {
     let text = decoder.get_tag_ascii_string(Tag::GdalNodata).ok()?;
     text.trim_matches(|c: char| c.is_whitespace() || c == '\0').parse().ok()
@@ -216,6 +241,9 @@ impl BlockReader for TiffHeights {
     fn read(&self, index: u32) -> Result<Block, PrepareError> {
         let extent = self.tiff.layout.extent(index);
         let count = (extent.rows * extent.cols) as usize;
+        if self.tiff.is_left_out(index) {
+            return Ok(Block::F32(vec![f32::NAN; count]));
+        }
         let samples = self.tiff.chunk(index)?;
         let stride = if self.tiff.planar { 1 } else { usize::from(self.tiff.bands.max(1)) };
         let conditions = &self.conditions;

@@ -2,7 +2,7 @@
 
 use super::blocks::{Block, BlockCache, BlockLayout};
 use crate::geodesy::{GeoBounds, SEMI_MAJOR_M};
-use crate::prepare::crs::Placement;
+use crate::prepare::crs::{CONTROL_TOLERANCE, Placement};
 use std::sync::Arc;
 
 /// Posts on one lattice; row 0 is the first in the files, north or south.
@@ -126,10 +126,11 @@ impl HeightGrid {
     /// The place of latitude and longitude if inside (poles and the antimeridian closed).
     pub fn place(&self, lat_rad: f64, lon_rad: f64) -> Option<Place> {
         let (col, row) = self.placement.locate(lat_rad, lon_rad)?;
+        let hair = if self.placement.is_geographic() { ON_POST } else { 4.0 * CONTROL_TOLERANCE };
         let last_row = f64::from(self.rows - 1);
-        let row_inside = (row >= -ON_POST || self.to_pole.0) && (row <= last_row + ON_POST || self.to_pole.1);
+        let row_inside = (row >= -hair || self.to_pole.0) && (row <= last_row + hair || self.to_pole.1);
         let last_col = f64::from(self.cols - 1);
-        let col_inside = self.wraps || (col >= -ON_POST && col <= last_col + ON_POST);
+        let col_inside = self.wraps || (col >= -hair && col <= last_col + hair);
         if !row_inside || !col_inside {
             return None;
         }

@@ -204,7 +204,7 @@ pub fn read_tiff(tiff: &GeoTiff, nodata: Option<f64>, wraps: bool) -> Result<Pic
         cols: layout.cols,
         rows: layout.rows,
         rgb: vec![0; texels as usize * 3],
-        coverage: (bands.alpha.is_some() || nodata.is_some()).then(|| vec![255; texels as usize]),
+        coverage: (bands.alpha.is_some() || nodata.is_some() || tiff.has_gaps()).then(|| vec![255; texels as usize]),
     };
     for block in 0..layout.blocks() {
         bands.read_block(tiff, block, nodata, &mut level)?;
@@ -258,6 +258,15 @@ impl Bands {
     ) -> Result<(), PrepareError> {
         let extent = tiff.layout.extent(block);
         let pixels = (extent.rows * extent.cols) as usize;
+        if tiff.is_left_out(block) {
+            for row in extent.row..extent.row + extent.rows {
+                let at = (row * level.cols + extent.col) as usize;
+                if let Some(coverage) = &mut level.coverage {
+                    coverage[at..at + extent.cols as usize].fill(0);
+                }
+            }
+            return Ok(());
+        }
         // Bands interleaved, or each from its own plane.
         let planes = if tiff.planar { self.count } else { 1 };
         let samples: Vec<Vec<u8>> = (0..planes)

@@ -48,6 +48,11 @@ impl<T> TiffOf<T> {
         self
     }
 
+    pub fn strips_of(mut self, rows: u32) -> Self {
+        self.strip_rows = Some(rows);
+        self
+    }
+
     pub fn nodata(mut self, text: &'static str) -> Self {
         self.nodata = Some(text);
         self
@@ -146,18 +151,31 @@ pub fn every_kind() -> Vec<(&'static str, Write)> {
     ]
 }
 
-/// Makes the strips' offsets lie beyond the file's end: the header is sound, the samples are cut off.
+/// Makes the last strip's offset lie near the file's end: the header is sound, the samples are cut off.
 pub fn point_strips_beyond_the_end(bytes: &mut [u8]) {
     const STRIP_OFFSETS: u16 = 273;
+    let end = bytes.len() as u32 - 8;
+    set_last(bytes, STRIP_OFFSETS, end);
+}
+
+/// As GDAL writes sparse files: no offset, no bytes.
+pub fn leave_last_strip_out(bytes: &mut [u8]) {
+    const STRIP_OFFSETS: u16 = 273;
+    const STRIP_BYTE_COUNTS: u16 = 279;
+    set_last(bytes, STRIP_OFFSETS, 0);
+    set_last(bytes, STRIP_BYTE_COUNTS, 0);
+}
+
+/// Overwrites the last of a tag's u32 values in a little-endian TIFF.
+fn set_last(bytes: &mut [u8], tag: u16, value: u32) {
     let word = |b: &[u8], at: usize| u32::from_le_bytes([b[at], b[at + 1], b[at + 2], b[at + 3]]) as usize;
     let directory = word(bytes, 4);
     let entries = usize::from(u16::from_le_bytes([bytes[directory], bytes[directory + 1]]));
     let entry = (0..entries)
         .map(|i| directory + 2 + i * 12)
-        .find(|&at| u16::from_le_bytes([bytes[at], bytes[at + 1]]) == STRIP_OFFSETS)
-        .expect("strip offsets");
+        .find(|&at| u16::from_le_bytes([bytes[at], bytes[at + 1]]) == tag)
+        .expect("tag");
     let count = word(bytes, entry + 4);
     let at = if count == 1 { entry + 8 } else { word(bytes, entry + 8) + 4 * (count - 1) };
-    let end = bytes.len() as u32 - 8;
-    bytes[at..at + 4].copy_from_slice(&end.to_le_bytes());
+    bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
 }
