@@ -4,11 +4,15 @@
 pub mod against;
 pub mod assemble;
 pub mod buildings;
+pub mod collections;
 pub mod crs;
 pub mod elevation;
 pub mod error;
 pub mod expression;
+<<<<<<< HEAD
 mod geotiff_write;
+=======
+>>>>>>> terrain
 pub mod imagery;
 pub mod imagery_source;
 <<<<<<< HEAD
