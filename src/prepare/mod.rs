@@ -7,6 +7,7 @@ pub mod elevation;
 pub mod error;
 pub mod expression;
 pub mod imagery_source;
+pub mod paint;
 pub mod raster;
 pub mod recipe;
 pub mod source;

@@ -136,7 +136,7 @@ pub fn gather(
     ground: &Ground,
     progress: OnProgress<'_>,
 ) -> Result<Gathered, PrepareError> {
-    let rules = Rules::new(section, section.vertical.map_or(vertical, VerticalDatum::from))?;
+    let rules = Rules::new(section, section.vertical.unwrap_or(vertical))?;
     let files = resolve(root, &section.file, &EXTENSIONS)?;
     let mut gathered = Gathered::default();
     for file in &files {
@@ -335,14 +335,4 @@ fn texts(objects: &[&Placed]) -> Vec<String> {
         return Vec::new();
     }
     objects.iter().map(|object| object.attributes.clone()).collect()
-}
-
-impl From<super::recipe::VerticalDatum> for VerticalDatum {
-    fn from(datum: super::recipe::VerticalDatum) -> Self {
-        match datum {
-            super::recipe::VerticalDatum::Ellipsoid => Self::Ellipsoid,
-            super::recipe::VerticalDatum::Egm96 => Self::Egm96,
-            super::recipe::VerticalDatum::Egm2008 => Self::Egm2008,
-        }
-    }
 }
