@@ -3,8 +3,8 @@
 mod georeferenced;
 
 use super::crs::overlap;
-use super::raster::picture::{to_linear, to_srgb};
 use super::paint::OsmPainter;
+use super::raster::picture::{to_linear, to_srgb};
 use super::recipe::ImagerySection;
 use super::source::{SourceFile, resolve};
 use super::{OnProgress, PrepareError, Progress, Recipe};

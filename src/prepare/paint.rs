@@ -100,7 +100,12 @@ impl OsmPainter {
         let osm = OsmFile::load(file, &style::is_painted)?;
         let [west, south, east, north] = osm.bounds_deg;
         if !(west < east && south < north) {
-            return Err(PrepareError::value(file, "the whole", "it holds nothing to paint", "take it out of the recipe"));
+            return Err(PrepareError::value(
+                file,
+                "the whole",
+                "it holds nothing to paint",
+                "take it out of the recipe",
+            ));
         }
         let bounds = GeoBounds::from_degrees(west, south, east, north);
         let plane = Plane::about(&bounds);
@@ -121,8 +126,9 @@ impl OsmPainter {
                 }
             }
         }
-        let corners = [plane.metres(bounds.south_rad, bounds.west_rad), plane.metres(bounds.north_rad, bounds.east_rad)];
-        let coverage = Coverage::new(corners, shapes[land..].iter().flat_map(|(_, shape)| &shape.lines));
+        let corners =
+            [plane.metres(bounds.south_rad, bounds.west_rad), plane.metres(bounds.north_rad, bounds.east_rad)];
+        let coverage = Coverage::new(corners, shapes[land..].iter().map(|(_, s)| (s.form, &s.lines[..])));
         let count = shapes.len() as u64;
         shapes.sort_by_key(|(order, _)| *order);
         let shapes: Vec<Shape> = shapes.into_iter().map(|(_, shape)| shape).collect();
@@ -168,18 +174,14 @@ impl OsmPainter {
     fn paint(&self, (doublings, column, row): TileKey) -> Pixmap {
         let texel_m = self.texel_m(doublings);
         let side = TILE_PX + 2 * BORDER_PX;
-        let Some(mut pixmap) = Pixmap::new(side, side) else { unreachable!("a tile has a size") };
+        let Some(mut pixmap) = Pixmap::new(side, side) else { unreachable!("a tile's side is not 0") };
         let [r, g, b] = style::GROUND;
         pixmap.fill(tiny_skia::Color::from_rgba8(r, g, b, 255));
         let origin = [f64::from(column), f64::from(row)].map(|at| at * f64::from(TILE_PX) * texel_m);
         let border_m = f64::from(BORDER_PX) * texel_m;
         let side_m = f64::from(side) * texel_m;
-        let area = [
-            origin[0] - border_m,
-            origin[1] - border_m,
-            origin[0] - border_m + side_m,
-            origin[1] - border_m + side_m,
-        ];
+        let area =
+            [origin[0] - border_m, origin[1] - border_m, origin[0] - border_m + side_m, origin[1] - border_m + side_m];
         let pen = Pen { west_m: area[0], north_m: area[3], texel_m };
         for at in self.shapes_in(area) {
             pen.draw(&self.shapes[at as usize], &mut pixmap);

@@ -7,11 +7,28 @@ use crate::prepare::vector::{FootprintPolygon, Ring};
 /// An end of a coastline that stops inside is led to the border, if that is within this share of the extract's size.
 const LEAD_MAX: f64 = 0.3;
 
+/// Share of an extract's buildings that may stand in one sea.
+const BUILT_MAX: f64 = 0.2;
+
 /// Water areas within the extract's bounds, degrees; none where coastlines do not close.
 pub fn sea(osm: &OsmFile) -> Vec<FootprintPolygon> {
     let ways = osm.ways.iter().filter(|way| way.tags.get("natural").is_some_and(|value| value == "coastline"));
     let pieces: Vec<Piece> = ways.flat_map(|way| osm.pieces(way)).filter(|piece| piece.points.len() >= 2).collect();
-    close(join(pieces.into_iter().map(|piece| piece.points).collect()), osm.bounds_deg)
+    let mut seas = close(join(pieces.into_iter().map(|piece| piece.points).collect()), osm.bounds_deg);
+    let buildings: Vec<[f64; 2]> = osm
+        .ways
+        .iter()
+        .filter(|way| way.tags.contains_key("building"))
+        .filter_map(|way| osm.line(way).first().copied())
+        .collect();
+    seas.retain(|sea| !is_built_on(sea, &buildings));
+    seas
+}
+
+/// Coasts that are cut off where they should not be can turn land into water; a sea full of houses is none.
+fn is_built_on(sea: &FootprintPolygon, buildings: &[[f64; 2]]) -> bool {
+    let drowned = buildings.iter().filter(|&&place| contains(&sea[0], place)).count();
+    drowned as f64 > BUILT_MAX * buildings.len() as f64
 }
 
 /// Joins lines end to start.
@@ -174,10 +191,7 @@ impl Frame {
         let corners = [[west, south], [west, north], [east, north], [east, south]];
         let way = self.clockwise(from, to);
         let first = from.floor() as usize + 1;
-        (first..first + 4)
-            .take_while(|&corner| corner as f64 - from < way)
-            .map(|corner| corners[corner % 4])
-            .collect()
+        (first..first + 4).take_while(|&corner| corner as f64 - from < way).map(|corner| corners[corner % 4]).collect()
     }
 }
 

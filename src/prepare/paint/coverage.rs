@@ -1,11 +1,13 @@
 //! Where an extract has something to say: near what it holds, fading out beyond, and at its border.
 
+use super::style::Form;
+
 /// Full this near to a mapped thing, metres.
 const FULL_M: f64 = 60.0;
 /// Nothing beyond this, metres.
 const NONE_M: f64 = 160.0;
 /// Width of the fade at the extract's border, metres.
-const BORDER_M: f64 = 60.0;
+const BORDER_M: f64 = 40.0;
 /// Side of the cells that distances are known in, metres; more where the extract is large.
 const CELL_M: f64 = 10.0;
 const CELLS_MAX: f64 = 4e6;
@@ -22,15 +24,18 @@ pub struct Coverage {
 
 impl Coverage {
     /// `corners`: south-west and north-east.
-    pub fn new<'a>(corners: [[f64; 2]; 2], lines: impl Iterator<Item = &'a Vec<[f64; 2]>>) -> Self {
+    /// What is mapped: the rings of areas, and lines.
+    pub fn new<'a>(corners: [[f64; 2]; 2], mapped: impl Iterator<Item = (Form, &'a [Vec<[f64; 2]>])>) -> Self {
         let [low, high] = corners;
         let (width, height) = (high[0] - low[0], high[1] - low[1]);
         let cell_m = CELL_M.max((width * height / CELLS_MAX).sqrt());
         let (columns, rows) = ((width / cell_m).ceil() as usize + 1, (height / cell_m).ceil() as usize + 1);
-        let mut coverage =
-            Self { low, high, cell_m, columns, rows, distances_m: vec![f32::INFINITY; columns * rows] };
-        for line in lines {
-            coverage.mark(line);
+        let mut coverage = Self { low, high, cell_m, columns, rows, distances_m: vec![f32::INFINITY; columns * rows] };
+        for (form, lines) in mapped {
+            lines.iter().for_each(|line| coverage.mark(line));
+            if form == Form::Area {
+                coverage.fill(lines);
+            }
         }
         coverage.spread();
         coverage
@@ -43,7 +48,8 @@ impl Coverage {
 
     /// 0 nothing to 1 full.
     pub fn at(&self, place: [f64; 2]) -> f64 {
-        let inside = (0..2).map(|i| (place[i] - self.low[i]).min(self.high[i] - place[i])).fold(f64::INFINITY, f64::min);
+        let inside =
+            (0..2).map(|i| (place[i] - self.low[i]).min(self.high[i] - place[i])).fold(f64::INFINITY, f64::min);
         let near = (NONE_M - self.distance_m(place)) / (NONE_M - FULL_M);
         smooth(near) * smooth(inside / BORDER_M)
     }
@@ -73,6 +79,40 @@ impl Coverage {
                 }
             }
         }
+    }
+
+    /// Marks the cells inside an area's rings (even–odd, row by row).
+    fn fill(&mut self, rings: &[Vec<[f64; 2]>]) {
+        let row_of = |north: f64| (north - self.low[1]) / self.cell_m;
+        let (south, north) = rings
+            .iter()
+            .flatten()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| (low.min(row_of(p[1])), high.max(row_of(p[1]))));
+        let last = (self.rows - 1) as f64;
+        if !(south <= last && north >= 0.0) {
+            return;
+        }
+        for row in south.max(0.0).ceil() as usize..=north.min(last).floor() as usize {
+            let crossings = self.crossings(rings, row as f64 * self.cell_m + self.low[1]);
+            for pair in crossings.chunks_exact(2) {
+                let (from, to) = (pair[0].max(0.0).ceil(), pair[1].min((self.columns - 1) as f64).floor());
+                if from <= to {
+                    let start = row * self.columns;
+                    self.distances_m[start + from as usize..=start + to as usize].fill(0.0);
+                }
+            }
+        }
+    }
+
+    /// Where rings cross a parallel, in columns, ascending.
+    fn crossings(&self, rings: &[Vec<[f64; 2]>], north: f64) -> Vec<f64> {
+        let edges = rings.iter().flat_map(|ring| ring.iter().zip(ring.iter().cycle().skip(1)));
+        let mut crossings: Vec<f64> = edges
+            .filter(|(a, b)| (a[1] > north) != (b[1] > north))
+            .map(|(a, b)| ((b[0] - a[0]) * (north - a[1]) / (b[1] - a[1]) + a[0] - self.low[0]) / self.cell_m)
+            .collect();
+        crossings.sort_by(f64::total_cmp);
+        crossings
     }
 
     /// Two passes with the chamfer (1, √2) (Borgefors 1986): within 8 % of the distance.
@@ -110,10 +150,13 @@ mod tests {
 
     #[test]
     fn coverage_fades_away_from_what_is_mapped_and_at_the_border() {
-        let road = vec![[-1000.0, 0.0], [1000.0, 0.0]];
-        let coverage = Coverage::new([[-1000.0, -1000.0], [1000.0, 1000.0]], [&road].into_iter());
+        let road = [vec![[-1000.0, 0.0], [1000.0, 0.0]]];
+        let park = [vec![[0.0, 400.0], [500.0, 400.0], [500.0, 900.0], [0.0, 900.0]]];
+        let mapped = [(Form::Line { width_m: 5.0 }, &road[..]), (Form::Area, &park[..])];
+        let coverage = Coverage::new([[-1000.0, -1000.0], [1000.0, 1000.0]], mapped.into_iter());
+        assert_eq!(coverage.at([250.0, 650.0]), 1.0);
         assert_eq!(coverage.at([0.0, 20.0]), 1.0);
-        assert_eq!(coverage.at([0.0, 300.0]), 0.0);
+        assert_eq!(coverage.at([-400.0, 300.0]), 0.0);
         let (near, far) = (coverage.at([3.0, 90.0]), coverage.at([3.0, 130.0]));
         assert!(1.0 > near && near > far && far > 0.0, "{near} {far}");
         assert!(coverage.at([990.0, 0.0]) < 0.2);

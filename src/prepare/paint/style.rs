@@ -43,7 +43,16 @@ const RAILS: u16 = 90;
 const BUILDING: u16 = 100;
 
 const KEYS: [&str; 11] = [
-    "landuse", "natural", "leisure", "waterway", "highway", "railway", "man_made", "amenity", "place", "building",
+    "landuse",
+    "natural",
+    "leisure",
+    "waterway",
+    "highway",
+    "railway",
+    "man_made",
+    "amenity",
+    "place",
+    "building",
     "area:highway",
 ];
 
@@ -95,7 +104,9 @@ fn area(tags: &Tags) -> Option<(u16, Color)> {
         tag("man_made").filter(|value| matches!(*value, "pier" | "breakwater")).map(|_| (SQUARE, [168, 158, 146])),
         tag("amenity").and_then(amenity),
         tag("area:highway").map(|_| (ROADWAY, ASPHALT)),
-        tag("highway").filter(|_| tag("area") == Some("yes") || tag("highway") == Some("pedestrian")).map(|_| (SQUARE, PAVED)),
+        tag("highway")
+            .filter(|_| tag("area") == Some("yes") || tag("highway") == Some("pedestrian"))
+            .map(|_| (SQUARE, PAVED)),
         tag("railway").filter(|value| *value == "platform").map(|_| (SQUARE + 1, PAVED)),
         tag("place").filter(|value| *value == "square").map(|_| (SQUARE, PAVED)),
     ];
@@ -183,7 +194,7 @@ fn road(class: &str, tags: &Tags) -> Vec<Style> {
         _ => ASPHALT,
     };
     let mut styles = Vec::new();
-    if rank >= 2 && rank < 8 {
+    if (2..8).contains(&rank) {
         let form = Form::Line { width_m: width_m + 5.0 };
         styles.push(Style { order: PAVEMENT, form, color: PAVED });
     }
