@@ -16,10 +16,14 @@ mod geotiff_write;
 pub mod imagery;
 pub mod imagery_source;
 <<<<<<< HEAD
+<<<<<<< HEAD
 pub mod pipeline;
 =======
 pub mod placement;
 >>>>>>> raster
+=======
+pub mod paint;
+>>>>>>> vector
 pub mod raster;
 pub mod recipe;
 mod recipe_hash;

@@ -4,7 +4,7 @@
 use super::{FootprintPolygon, Ring};
 use crate::prepare::PrepareError;
 use crate::prepare::source::SourceFile;
-use osmpbf::{Element, ElementReader, RelMemberType};
+use osmpbf::{BlobReader, Element, ElementReader, RelMemberType};
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::io::Read;
 
@@ -56,8 +56,18 @@ pub struct OsmFile {
     pub ways: Vec<Way>,
     /// Ordered by id.
     pub relations: Vec<Relation>,
+    /// West, south, east, north in degrees: what the file says it covers, else where its nodes are.
+    pub bounds_deg: [f64; 4],
     nodes: HashMap<i64, [f64; 2]>,
     way_at: HashMap<i64, usize>,
+}
+
+/// A part of a way.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Piece {
+    pub points: Ring,
+    /// Whether the way goes on before the first and behind the last point.
+    pub goes_on: [bool; 2],
 }
 
 /// Rings of a multipolygon.
@@ -95,11 +105,33 @@ impl OsmFile {
             if needed.contains(&id) { vec![(id, [lon, lat])] } else { Vec::new() }
         })?;
         let way_at = ways.iter().enumerate().map(|(at, way)| (way.id, at)).collect();
-        Ok(Self { ways, relations, nodes: nodes.into_iter().collect(), way_at })
+        let bounds_deg = header_bounds(file).unwrap_or_else(|| around(nodes.iter().map(|node| node.1)));
+        Ok(Self { ways, relations, bounds_deg, nodes: nodes.into_iter().collect(), way_at })
     }
 
     pub fn way(&self, id: i64) -> Option<&Way> {
         self.way_at.get(&id).map(|&at| &self.ways[at])
+    }
+
+    /// The pieces of a way of which the extract has all nodes, degrees; and whether each end goes on beyond the
+    /// extract.
+    pub fn pieces(&self, way: &Way) -> Vec<Piece> {
+        let mut pieces = Vec::new();
+        let mut current: Option<Piece> = None;
+        for (at, node) in way.nodes.iter().enumerate() {
+            match self.nodes.get(node) {
+                Some(&point) => {
+                    let piece = current.get_or_insert_with(|| Piece { points: Vec::new(), goes_on: [at > 0, false] });
+                    piece.points.push(point);
+                }
+                None => {
+                    let ended = current.take().map(|piece| Piece { goes_on: [piece.goes_on[0], true], ..piece });
+                    pieces.extend(ended);
+                }
+            }
+        }
+        pieces.extend(current);
+        pieces
     }
 
     /// The points of a way, degrees; nodes that the extract lacks are left out.
@@ -144,6 +176,19 @@ fn check_header(file: &SourceFile) -> Result<(), PrepareError> {
         Ok(_) if start.windows(9).any(|window| window == b"OSMHeader") => Ok(()),
         _ => Err(PrepareError::damaged(file, "its header", "it must be OpenStreetMap PBF")),
     }
+}
+
+/// The bounds in the file's header, when they are sound.
+fn header_bounds(file: &SourceFile) -> Option<[f64; 4]> {
+    let blob = BlobReader::new(file.open().ok()?).next()?.ok()?;
+    let bounds = blob.to_headerblock().ok()?.bbox()?;
+    let bounds = [bounds.left, bounds.bottom, bounds.right, bounds.top];
+    (bounds[0] < bounds[2] && bounds[1] < bounds[3]).then_some(bounds)
+}
+
+fn around(points: impl Iterator<Item = [f64; 2]>) -> [f64; 4] {
+    let empty = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    points.fold(empty, |b, p| [b[0].min(p[0]), b[1].min(p[1]), b[2].max(p[0]), b[3].max(p[1])])
 }
 
 /// One pass over the file, blocks in parallel; results in no particular order.
