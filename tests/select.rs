@@ -1,5 +1,6 @@
 //! The laws of selection, over made-up worlds: no hole, only what is resident, the tolerance, no debt when settled, the
 //! same cost at the poles, skirts, objects, the ground under the eye, determinism.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop")]
 
 mod made_up;
 
