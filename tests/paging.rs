@@ -1,4 +1,5 @@
 //! The laws of the request manager over random demands, and of the servers.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop")]
 
 mod made_up;
 

@@ -1,5 +1,6 @@
 //! The laws of selection, over made-up worlds: no hole, only what is resident, the tolerance, no debt when settled, the
 //! same cost at the poles, skirts, objects, the ground under the eye, determinism.
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop")]
 
 mod made_up;
 
@@ -304,6 +305,20 @@ fn objects_are_paged_and_drawn_from_the_threshold_on() {
         let stats = &settled.stats;
         assert_eq!((stats.objects_drawn, stats.objects_tested), (drawn, drawn + stats.objects_culled));
     }
+}
+
+#[test]
+fn a_raised_threshold_hides_no_debt() {
+    let index = city();
+    let view = view(LAT_DEG, LON_DEG, 6_000.0, 0.0, -90.0);
+    let cells = with_roots(&index);
+    let objects_wanted = |selection: &Selection| {
+        selection.demands.iter().filter(|demand| matches!(demand.page.kind, PageKind::Objects { .. })).count()
+    };
+    let asked = select(&index, &cells, &view, &PARAMS);
+    let raised = select_raised(&index, &cells, &view, &PARAMS, 8.0);
+    assert!(objects_wanted(&asked) > 0 && objects_wanted(&raised) == 0);
+    assert!((asked.stats.debt_px - raised.stats.debt_px).abs() < 1e-9 * asked.stats.debt_px);
 }
 
 #[test]
