@@ -9,6 +9,8 @@ pub mod engine;
 pub mod forest;
 pub mod geodesy;
 pub mod paging;
+#[cfg(feature = "prepare")]
+pub mod prepare;
 pub mod record;
 pub mod render;
 pub mod select;

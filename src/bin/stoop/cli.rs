@@ -129,3 +129,49 @@ pub fn say(text: &str) {
     use std::io::Write;
     let _ = std::io::stdout().write_all(text.as_bytes());
 }
+
+/// West, south, east, north in degrees as people write them: `-122.6,37.7,-122.3,37.9`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BoundsDeg(pub [f64; 4]);
+
+impl std::str::FromStr for BoundsDeg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let bad = || format!("{text:?} are no bounds: write WEST,SOUTH,EAST,NORTH in degrees, west below east");
+        let numbers: Vec<f64> = text.split(',').map(number).collect::<Result<_, _>>().map_err(|_| bad())?;
+        let [west, south, east, north] = numbers.try_into().map_err(|_| bad())?;
+        let fits = west < east && south < north && west >= -180.0 && east <= 180.0 && south >= -90.0 && north <= 90.0;
+        fits.then_some(Self([west, south, east, north])).ok_or_else(bad)
+    }
+}
+
+/// Writes a file under a temporary name beside it and renames it once it is whole: a failure leaves nothing.
+pub fn write_whole(
+    path: &std::path::Path,
+    write: impl FnOnce(&mut dyn std::io::Write) -> anyhow::Result<()>,
+) -> anyhow::Result<()> {
+    use anyhow::Context;
+    use std::io::Write;
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(".partial");
+    let partial = path.with_file_name(name);
+    let attempt = || -> anyhow::Result<()> {
+        let mut file = std::io::BufWriter::new(std::fs::File::create(&partial)?);
+        write(&mut file)?;
+        file.flush()?;
+        std::fs::rename(&partial, path)?;
+        Ok(())
+    };
+    attempt().map_err(|error| {
+        // The file may never have come to be; the first error is the one to tell.
+        drop(std::fs::remove_file(&partial));
+        error
+    })
+    .with_context(|| format!("cannot write {}: check its folder, rights and free space", path.display()))
+}
+
+/// The exit status of a check.
+pub fn clean(is_clean: bool) -> ExitCode {
+    if is_clean { ExitCode::SUCCESS } else { ExitCode::FAILURE }
+}

@@ -3,8 +3,10 @@
 mod check;
 mod cli;
 mod export;
+mod export_terrain;
 mod fly;
 mod info;
+mod place;
 mod probe;
 mod shot;
 

@@ -1,0 +1,1 @@
+//! Coordinate systems by PROJ, and control grids that make them fast.

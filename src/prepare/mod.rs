@@ -1,0 +1,31 @@
+//! Source files → world. The only user of PROJ and of the readers of raster and vector formats; run-time code never
+//! sees what is in here. Behind the feature `prepare`.
+
+pub mod crs;
+pub mod elevation;
+pub mod error;
+mod geotiff_write;
+pub mod imagery_source;
+pub mod raster;
+pub mod recipe;
+pub mod source;
+
+pub use elevation::Elevation;
+pub use error::PrepareError;
+pub use geotiff_write::write_geotiff;
+pub use imagery_source::{PictureSource, Pictures};
+pub use recipe::Recipe;
+
+/// How far a long job is; called often, from several threads.
+#[derive(Clone, Copy, Debug)]
+pub struct Progress<'a> {
+    /// What is being done, such as "read elevation".
+    pub stage: &'static str,
+    /// The file or thing it is being done to.
+    pub item: &'a str,
+    pub done: u64,
+    pub total: u64,
+}
+
+/// Receives progress; `&|_| {}` ignores it.
+pub type OnProgress<'a> = &'a (dyn Fn(Progress<'_>) + Sync);

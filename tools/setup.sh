@@ -1,0 +1,48 @@
+#!/usr/bin/env bash
+# Installs what a Debian machine lacks to build Stoop and to draw without a GPU: a C++ compiler, cmake and SQLite for
+# PROJ, Vulkan's loader with Mesa's software driver, and Rust. Does nothing, and needs no network, where all is there.
+set -euo pipefail
+
+packages=(build-essential cmake pkg-config sqlite3 libsqlite3-dev libvulkan1 mesa-vulkan-drivers)
+rust_least=1.88
+
+as_root() {
+    if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi
+}
+
+install() {
+    as_root apt-get -o DPkg::Lock::Timeout=400 update -q
+    as_root env DEBIAN_FRONTEND=noninteractive apt-get -o DPkg::Lock::Timeout=400 install -y -q "$@"
+}
+
+missing=()
+for package in "${packages[@]}"; do
+    dpkg-query -W -f '${Status}' "$package" 2>/dev/null | grep -q 'ok installed' || missing+=("$package")
+done
+if [ ${#missing[@]} -gt 0 ]; then
+    if ! command -v apt-get >/dev/null; then
+        echo "setup: this is no Debian; install what matches: ${missing[*]}" >&2
+        exit 1
+    fi
+    install "${missing[@]}"
+fi
+
+rust_is_new_enough() {
+    command -v cargo >/dev/null || return 1
+    local have
+    have=$(cargo --version | cut -d' ' -f2)
+    [ "$(printf '%s\n' "$rust_least" "$have" | sort -V | head -n 1)" = "$rust_least" ]
+}
+
+if ! rust_is_new_enough; then
+    # Debian 13 and later have rustup; it puts a current toolchain into the home folder.
+    install rustup || true
+    if command -v rustup >/dev/null; then rustup default stable; fi
+fi
+if ! rust_is_new_enough; then
+    echo "setup: Rust $rust_least or newer is needed and could not be installed; get it with rustup and run this again" >&2
+    exit 1
+fi
+for component in rustfmt clippy; do
+    cargo "${component/rustfmt/fmt}" --version >/dev/null 2>&1 || rustup component add "$component"
+done
