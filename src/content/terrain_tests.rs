@@ -114,26 +114,32 @@ fn pieces_cover_the_page_once() {
     }
 }
 
-/// The corners on one meridian of a piece, in space.
-fn rim(mesh: &TerrainMesh, u: u16) -> Vec<DVec3> {
+/// The corners of a piece on one of its sides, in space: those with `f` along an axis of (u, v).
+fn rim(mesh: &TerrainMesh, axis: usize, f: u16) -> Vec<DVec3> {
     let surface: std::collections::BTreeSet<u32> = mesh.indices[..mesh.surface_len as usize].iter().copied().collect();
-    let on_it = surface.into_iter().map(|i| &mesh.vertices[i as usize]).filter(|vertex| vertex.uv[0] == u);
-    let mut corners: Vec<_> = on_it.map(|vertex| position(mesh, vertex, 1.0)).collect();
-    corners.sort_by(|a, b| a.z.total_cmp(&b.z));
-    corners
+    let on_it = surface.into_iter().map(|i| &mesh.vertices[i as usize]).filter(|vertex| vertex.uv[axis] == f);
+    let mut corners: Vec<_> = on_it.map(|vertex| (vertex.uv[1 - axis], position(mesh, vertex, 1.0))).collect();
+    corners.sort_by_key(|&(along, _)| along);
+    corners.into_iter().map(|(_, corner)| corner).collect()
 }
 
 #[test]
 fn neighbouring_pieces_share_the_corners_of_their_seam() {
+    use Quadrant::{NorthWest, SouthEast, SouthWest};
     for cell in places() {
         let page = hilly(cell, |u, v| (u - v).abs() < 0.1);
-        let quadrants = [Quadrant::SouthWest, Quadrant::SouthEast];
-        let [Some(west), Some(east)] = quadrants.map(|quadrant| cell.child(quadrant)) else { continue };
-        let (a, b) = (rim(&page.cut(west), 65535), rim(&page.cut(east), 0));
-        assert!(a.len() >= 2 && a.len() == b.len(), "{cell}: {} {}", a.len(), b.len());
-        let size_m = cell.sides_m().height_m;
-        for (p, q) in a.iter().zip(&b) {
-            assert!(p.distance(*q) < 1e-3 + size_m * 2e-7, "{cell}");
+        for (axis, low, high) in [(0, SouthWest, SouthEast), (1, SouthWest, NorthWest)] {
+            let [Some(low), Some(high)] = [low, high].map(|quadrant| cell.child(quadrant)) else { continue };
+            // Where a row is thinned, the two sides of a seam are not equally long.
+            if axis == 1 && low.thinning() != high.thinning() {
+                continue;
+            }
+            let (a, b) = (rim(&page.cut(low), axis, 65535), rim(&page.cut(high), axis, 0));
+            assert!(a.len() >= 2 && a.len() == b.len(), "{cell} {axis}: {} {}", a.len(), b.len());
+            let size_m = cell.sides_m().height_m;
+            for (p, q) in a.iter().zip(&b) {
+                assert!(p.distance(*q) < 1e-3 + size_m * 2e-7, "{cell} {axis}");
+            }
         }
     }
 }
@@ -146,12 +152,10 @@ fn a_piece_far_below_is_a_few_triangles_and_ends_at_its_own_borders() {
     assert!((2..=6).contains(&(mesh.surface_len / 3)), "{}", mesh.surface_len);
     let bounds = piece.bounds();
     for vertex in &mesh.vertices {
+        // The chords of so large a triangle leave the parallels by more than a piece; the meridians are kept.
         let at = Geodetic::from_ecef(Point::new(position(&mesh, vertex, 1.0)));
-        let (u, v) = bounds.fractions(at.lat_rad, at.lon_rad);
+        let (u, _) = bounds.fractions(at.lat_rad, at.lon_rad);
         assert!((u - f64::from(vertex.uv[0]) / 65535.0).abs() < 1e-3);
-        // The chords of so large a triangle leave the parallels by far more than a piece; only the west and the
-        // east end at their own lines.
-        let _ = v;
     }
     assert_eq!(page.cut(Zone::all().next().unwrap().root()).indices.len(), 0);
 }

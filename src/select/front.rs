@@ -229,7 +229,7 @@ impl<'a> Walk<'a, '_> {
         let side_m = front.cell.bounds().height_rad() * SEMI_MAJOR_M;
         let drawn_px = look.drawn_px.unwrap_or(side_m * look.px_per_m);
         measure.add(look.share, drawn_px, best.error_m * look.px_per_m, look.asked_px);
-        let missing = !layer.drawn().is_some_and(|drawn| drawn.cell == front.cell);
+        let missing = layer.drawn().is_none_or(|drawn| drawn.cell != front.cell);
         let page = PageId { cell: front.cell, kind: look.kind };
         let fall_px = if missing { drawn_px - front_px.max(look.asked_px) } else { 0.0 };
         demands.visible(page, front.place, Part { share: look.share, fall_px, error_px: drawn_px, missing });

@@ -49,7 +49,7 @@ pub fn summarize(layers: &[LayerMeasure], stats: &mut SelectStats) {
         let sharp: f64 = layer.items.iter().filter(|item| item.excess_px == 0.0).map(|item| item.share / total).sum();
         stats.debt_px += debt_px;
         // The layers lie over one another: what is sharp is sharp in all; the worst one bounds it.
-        stats.coverage = stats.coverage.min(sharp.min(1.0));
+        stats.coverage = stats.coverage.min(sharp.clamp(0.0, 1.0));
         all.extend(layer.items.iter().map(|item| Item { share: item.share / total, ..*item }));
     }
     all.retain(|item| item.share > 0.0);

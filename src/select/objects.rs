@@ -23,8 +23,10 @@ const HORIZON_BY_CELL_M: f64 = 20_000.0;
 struct Walk<'a, 'b> {
     cells: &'a LiveTree,
     sight: &'a Sight<'a>,
-    /// 0 where all objects are drawn.
-    threshold_px: f64,
+    /// Threshold asked for: what debt counts from; 0 where all objects are drawn.
+    asked_px: f64,
+    /// Threshold drawn, raised like the tolerance where memory or time lack.
+    drawn_px: f64,
     demands: &'b mut DemandList,
     stats: &'b mut SelectStats,
     drawn: Vec<DrawObjects>,
@@ -40,14 +42,14 @@ pub fn walk(
     stats: &mut SelectStats,
 ) -> (Vec<DrawObjects>, LayerMeasure) {
     let raised = sight.tolerance.drawn_px / sight.tolerance.asked_px;
-    let threshold_px = match params.objects {
+    let (asked_px, drawn_px) = match params.objects {
         ObjectsMode::Off => return Default::default(),
-        ObjectsMode::Flat => 0.0,
+        ObjectsMode::Flat => (0.0, params.threshold_px * (raised - 1.0)),
         // Worlds have no groups yet: each object stands for itself.
-        ObjectsMode::Cells | ObjectsMode::Groups => params.threshold_px * raised,
+        ObjectsMode::Cells | ObjectsMode::Groups => (params.threshold_px, params.threshold_px * raised),
     };
     let mut walk =
-        Walk { cells, sight, threshold_px, demands, stats, drawn: Vec::new(), measure: LayerMeasure::default() };
+        Walk { cells, sight, asked_px, drawn_px, demands, stats, drawn: Vec::new(), measure: LayerMeasure::default() };
     for tree in index.trees() {
         walk.visit(&tree.root());
     }
@@ -75,7 +77,7 @@ impl Walk<'_, '_> {
             return;
         }
         let distance_m = around.distance_m(self.sight.eye);
-        if !self.is_above_threshold(node.dimension_m(), distance_m) {
+        if self.sight.view.projected_px(node.dimension_m(), distance_m) < self.asked_px {
             return;
         }
         let place = Place { node, bounds, around, distance_m };
@@ -88,19 +90,23 @@ impl Walk<'_, '_> {
     }
 
     fn is_above_threshold(&self, dimension_m: f64, distance_m: f64) -> bool {
-        self.sight.view.projected_px(dimension_m, distance_m) >= self.threshold_px
+        self.sight.view.projected_px(dimension_m, distance_m) >= self.drawn_px
     }
 
     fn page(&mut self, place: &Place<'_, '_>, entry: &ObjectsEntry) {
-        if !self.is_above_threshold(entry.dimension_m, place.distance_m) {
+        let error_px = self.sight.view.projected_px(entry.dimension_m.min(DIMENSION_MAX_M), place.distance_m);
+        if error_px < self.asked_px {
             return;
         }
         let (cell, kind) = (place.node.cell(), PageKind::Objects { collection: entry.collection, rep: entry.rep });
-        let resident = self.cells.objects(cell, entry.collection, entry.rep);
-        let error_px = self.sight.view.projected_px(entry.dimension_m.min(DIMENSION_MAX_M), place.distance_m);
+        let wanted = self.is_above_threshold(entry.dimension_m, place.distance_m);
+        let resident = self.cells.objects(cell, entry.collection, entry.rep).filter(|_| wanted);
         let share = self.sight.screen_share(&place.bounds, place.node.height_range_m().0);
-        let drawn_px = if resident.is_some() { 0.0 } else { error_px };
-        let excess_px = self.measure.add(share, drawn_px, 0.0, self.sight.tolerance.asked_px);
+        let error_drawn_px = if resident.is_some() { 0.0 } else { error_px };
+        let excess_px = self.measure.add(share, error_drawn_px, 0.0, self.sight.tolerance.asked_px);
+        if !wanted {
+            return;
+        }
         let part = Part { share, fall_px: excess_px, error_px, missing: resident.is_none() };
         self.demands.visible(PageId { cell, kind }, entry.place, part);
         if let Some(page) = resident {

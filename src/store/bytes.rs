@@ -125,7 +125,7 @@ pub(super) struct BitWriter {
 
 impl BitWriter {
     pub fn push(&mut self, bit: bool) {
-        if self.count % 8 == 0 {
+        if self.count.is_multiple_of(8) {
             self.bytes.push(0);
         }
         if let Some(last) = self.bytes.last_mut() {
@@ -154,7 +154,7 @@ impl<'a> BitReader<'a> {
     }
 
     /// Beyond the end all bits are 0.
-    pub fn next(&mut self) -> bool {
+    pub fn bit(&mut self) -> bool {
         let byte = self.bytes.get(self.at / 8).copied().unwrap_or(0);
         let bit = byte >> (self.at % 8) & 1 == 1;
         self.at += 1;

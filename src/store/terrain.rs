@@ -101,7 +101,7 @@ fn active_of(bits: &[u8], diagonal: Diagonal) -> Active {
     let mut bits = BitReader::new(bits);
     let mut active = Active::corners();
     for split in splits(diagonal) {
-        if split.needs.iter().all(|&need| active.contains(need)) && bits.next() {
+        if split.needs.iter().all(|&need| active.contains(need)) && bits.bit() {
             active.insert(split.post);
         }
     }
