@@ -24,7 +24,7 @@ fn world() -> String {
 #[test]
 fn the_world_is_whole_small_and_credits_its_sources() {
     let report = json(&stoop(&["check", &world(), "--json"]));
-    assert_eq!(report["faults"].as_array().map(Vec::len), Some(0), "{report}");
+    assert_eq!(report["problems"].as_array().map(Vec::len), Some(0), "{report}");
     let info = json(&stoop(&["info", &world(), "--json"]));
     let bytes = info["pack_bytes"].as_u64().unwrap() + info["index_bytes"].as_u64().unwrap();
     assert!(bytes <= 32 << 20, "{bytes} bytes");

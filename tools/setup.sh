@@ -1,9 +1,10 @@
 #!/usr/bin/env bash
+# Usage: tools/setup.sh [PACKAGE …]
 # Installs what a Debian machine lacks to build Stoop and to draw without a GPU: a C++ compiler, cmake and SQLite for
 # PROJ, Vulkan's loader with Mesa's software driver, and Rust. Does nothing, and needs no network, where all is there.
 set -euo pipefail
 
-packages=(build-essential cmake pkg-config sqlite3 libsqlite3-dev libvulkan1 mesa-vulkan-drivers)
+packages=(build-essential cmake pkg-config sqlite3 libsqlite3-dev libvulkan1 mesa-vulkan-drivers "$@")
 rust_least=1.88
 
 as_root() {

@@ -3,7 +3,7 @@
 # validation, golden images on the software adapter and a headless dive on real pixels among them.
 set -euo pipefail
 cd "$(dirname "$0")/.."
-bash tools/setup.sh
+bash tools/setup.sh proj-bin
 cargo fmt --all -- --check
 cargo clippy --release --all-targets -- -D warnings
 cargo check --release --no-default-features --bin stoop

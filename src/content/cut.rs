@@ -8,7 +8,7 @@
 use super::rtin::{Post, SIDE, Triangle};
 use super::terrain::{TerrainMesh, TerrainPage, TerrainVertex};
 use crate::forest::{CellId, columns};
-use crate::geodesy::{Ecef, GeoBounds, Point};
+use crate::geodesy::GeoBounds;
 use glam::{DVec2, DVec3};
 use std::collections::HashMap;
 
@@ -18,80 +18,79 @@ const SOUTH: u8 = 4;
 const NORTH: u8 = 8;
 /// Marks the lower edge of a skirt in [`TerrainVertex`].
 const LOWER_EDGE: i8 = 127;
+/// Distance from the axis within which a post stands at the pole.
+const AT_POLE_M: f64 = 1e-6;
 
 pub(super) fn cut(page: &TerrainPage, piece: CellId) -> TerrainMesh {
-    if piece == page.cell { whole(page) } else { clipped(page, piece) }
-}
-
-/// A page's own cell needs no cutting: what [`clipped`] gives, several times faster.
-fn whole(page: &TerrainPage) -> TerrainMesh {
-    let (bounds, window) = (page.cell.bounds(), Window::of(page.cell, page.cell));
-    let mut corners: Vec<_> = (0..page.posts.len()).map(|index| Corner::of(page, &bounds, index)).collect();
-    corners.iter_mut().for_each(|corner| corner.sides = window.sides_of(corner));
-    let origin = origin(page.cell, corners.iter());
-    let mut vertices = corners.iter().map(|corner| window.vertex(corner, origin.xyz())).collect();
-    let (mut indices, mut rim) = (Vec::with_capacity(3 * page.triangles.len()), Vec::new());
-    for triangle in &page.triangles {
-        let [a, b, c] = triangle.map(usize::from);
-        if [a, b, c].iter().filter(|&&at| corners[at].at_pole).count() > 1 {
-            continue;
-        }
-        indices.extend([a, b, c].map(|at| at as u32));
-        let on_side = |&[from, to]: &[usize; 2]| corners[from].sides & corners[to].sides != 0;
-        rim.extend([[a, b], [b, c], [c, a]].iter().filter(|edge| on_side(edge)).map(|edge| edge.map(|at| at as u32)));
-    }
-    let surface_len = indices.len() as u32;
-    skirts(&rim, &mut vertices, &mut indices);
-    TerrainMesh { origin, vertices, indices, surface_len }
-}
-
-/// The middle of a piece, at the middle of its heights.
-fn origin<'a>(piece: CellId, corners: impl Iterator<Item = &'a Corner>) -> Point<Ecef> {
-    let (low_m, high_m) =
-        corners.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), c| (low.min(c.height_m), high.max(c.height_m)));
-    let middle_m = if low_m <= high_m { (low_m + high_m) / 2.0 } else { 0.0 };
-    piece.bounds().center().at_height(middle_m).to_ecef()
-}
-
-fn clipped(page: &TerrainPage, piece: CellId) -> TerrainMesh {
+    let center = piece.bounds().center();
+    let height_m = page.surface_height_m(center.lat_rad, center.lon_rad, 1.0).unwrap_or(0.0);
+    let origin = center.at_height(height_m).to_ecef();
     let window = Window::of(page.cell, piece);
-    let bounds = page.cell.bounds();
-    let mut corners: Vec<Option<Corner>> = vec![None; page.posts.len()];
-    let mut polygons = Vec::new();
-    if page.cell.contains(piece) {
-        visit(page, &window, &mut |posts| {
-            let mut polygon = Vec::with_capacity(8);
-            for post in posts {
-                let Some(index) = page.index_of(post) else { return };
-                polygon.push(*corners[index].get_or_insert_with(|| Corner::of(page, &bounds, index)));
-            }
-            // A row of posts at a pole is one point, and a triangle with two corners there has no area.
-            if polygon.iter().filter(|corner| corner.at_pole).count() > 1 {
-                return;
-            }
-            let polygon = window.clip(polygon);
-            if polygon.len() >= 3 {
-                polygons.push(polygon);
-            }
-        });
+    let mut cutter = Cutter {
+        page,
+        bounds: page.cell.bounds(),
+        corners: vec![None; page.posts.len()],
+        welder: Welder::new(origin.xyz(), &window, page.posts.len()),
+        surface: Vec::new(),
+        rim: Vec::new(),
+    };
+    if page.cell == piece {
+        page.triangles.iter().for_each(|triangle| cutter.triangle(triangle.map(usize::from)));
+    } else if page.cell.contains(piece) {
+        visit(page, &window, &mut |triangle| cutter.triangle(triangle));
     }
-    let origin = origin(piece, polygons.iter().flatten());
-    let mut welder = Welder { origin: origin.xyz(), window: &window, known: HashMap::new(), mesh: Vec::new() };
-    let (mut surface, mut rim) = (Vec::new(), Vec::new());
-    for polygon in &polygons {
-        let indices: Vec<u32> = polygon.iter().map(|corner| welder.index_of(corner)).collect();
-        fan(&indices, &mut surface);
-        for (at, corner) in polygon.iter().enumerate() {
-            let next = (at + 1) % polygon.len();
-            if corner.sides & polygon[next].sides != 0 && indices[at] != indices[next] {
-                rim.push([indices[at], indices[next]]);
+    let surface_len = cutter.surface.len() as u32;
+    let (mut vertices, mut indices) = (cutter.welder.mesh, cutter.surface);
+    skirts(&cutter.rim, &mut vertices, &mut indices);
+    TerrainMesh { origin, vertices, indices, surface_len }
+}
+
+struct Cutter<'a> {
+    page: &'a TerrainPage,
+    bounds: GeoBounds,
+    corners: Vec<Option<Corner>>,
+    welder: Welder<'a>,
+    surface: Vec<u32>,
+    /// Edges on the sides of the piece; the surface lies left of them.
+    rim: Vec<[u32; 2]>,
+}
+
+impl Cutter<'_> {
+    /// Adds what lies in the window of a triangle, given by indices of posts.
+    fn triangle(&mut self, indices: [usize; 3]) {
+        let window = self.welder.window;
+        let triangle = indices.map(|index| {
+            *self.corners[index].get_or_insert_with(|| Corner::of(self.page, &self.bounds, index, window))
+        });
+        // A row of posts at a pole is one point, and a triangle with two corners there has no area.
+        if triangle.iter().filter(|corner| corner.at_pole).count() > 1 {
+            return;
+        }
+        if triangle.iter().all(|corner| window.holds(corner)) {
+            self.polygon(&triangle);
+        } else {
+            self.polygon(&window.clip(triangle.to_vec()));
+        }
+    }
+
+    fn polygon(&mut self, polygon: &[Corner]) {
+        if polygon.len() < 3 {
+            return;
+        }
+        // Four cuts add a corner each at most.
+        let mut indices = [0; 8];
+        let count = polygon.len().min(indices.len());
+        for (index, corner) in indices.iter_mut().zip(polygon) {
+            *index = self.welder.index_of(corner);
+        }
+        fan(&indices[..count], &mut self.surface);
+        for at in 0..count {
+            let next = (at + 1) % count;
+            if polygon[at].sides & polygon[next].sides != 0 && indices[at] != indices[next] {
+                self.rim.push([indices[at], indices[next]]);
             }
         }
     }
-    let surface_len = surface.len() as u32;
-    let (mut vertices, mut indices) = (welder.mesh, surface);
-    skirts(&rim, &mut vertices, &mut indices);
-    TerrainMesh { origin, vertices, indices, surface_len }
 }
 
 /// A post or a point of the cut.
@@ -100,26 +99,29 @@ struct Corner {
     position: DVec3,
     /// Column and row, in intervals of the page.
     grid: DVec2,
-    height_m: f64,
     morph_m: f64,
     slope: DVec2,
+    /// Index of the post; `None` for a point of the cut.
+    post: Option<usize>,
     /// The sides of the window that it lies on.
     sides: u8,
     at_pole: bool,
 }
 
 impl Corner {
-    fn of(page: &TerrainPage, bounds: &GeoBounds, index: usize) -> Self {
+    fn of(page: &TerrainPage, bounds: &GeoBounds, index: usize, window: &Window) -> Self {
         let post = &page.posts[index];
         let position = page.position(bounds, index, 1.0);
+        let grid = DVec2::new(f64::from(post.column), f64::from(post.row));
+        let at_pole = position.truncate().length() < AT_POLE_M;
         Self {
             position,
-            grid: DVec2::new(f64::from(post.column), f64::from(post.row)),
-            height_m: f64::from(post.height_m),
+            grid,
             morph_m: f64::from(post.parent_height_m) - f64::from(post.height_m),
             slope: DVec2::new(f64::from(post.slope[0]), f64::from(post.slope[1])),
-            sides: 0,
-            at_pole: position.truncate().length() < 1e-6,
+            post: Some(index),
+            sides: window.sides_of(grid, at_pole),
+            at_pole,
         }
     }
 
@@ -133,9 +135,9 @@ impl Corner {
         Self {
             position: a.position.lerp(b.position, t),
             grid: a.grid.lerp(b.grid, t),
-            height_m: a.height_m + (b.height_m - a.height_m) * t,
             morph_m: a.morph_m + (b.morph_m - a.morph_m) * t,
             slope: a.slope.lerp(b.slope, t),
+            post: None,
             sides: a.sides & b.sides,
             at_pole: false,
         }
@@ -177,24 +179,22 @@ impl Window {
         low.cmplt(self.high).all() && high.cmpgt(self.low).all()
     }
 
-    /// The sides that a corner of the page's grid lies on.
-    fn sides_of(&self, corner: &Corner) -> u8 {
-        let flag = |is_on_it: bool, side: u8| if is_on_it { side } else { 0 };
-        flag(corner.at_pole || corner.grid.x == self.low.x, WEST)
-            | flag(corner.at_pole || corner.grid.x == self.high.x, EAST)
-            | flag(corner.grid.y == self.low.y, SOUTH)
-            | flag(corner.grid.y == self.high.y, NORTH)
+    /// Whether a post's corner lies inside; all meridians go through the pole.
+    fn holds(&self, corner: &Corner) -> bool {
+        let (inside_low, inside_high) = (corner.grid.cmpge(self.low), corner.grid.cmple(self.high));
+        inside_low.y && inside_high.y && (corner.at_pole || (inside_low.x && inside_high.x))
     }
 
-    fn holds(&self, corner: &Corner) -> bool {
-        corner.grid.cmpgt(self.low).all() && corner.grid.cmplt(self.high).all()
+    fn sides_of(&self, grid: DVec2, at_pole: bool) -> u8 {
+        let on = |is_on: bool, side: u8| if is_on { side } else { 0 };
+        on(at_pole || grid.x == self.low.x, WEST)
+            | on(at_pole || grid.x == self.high.x, EAST)
+            | on(grid.y == self.low.y, SOUTH)
+            | on(grid.y == self.high.y, NORTH)
     }
 
     /// Cuts a convex polygon (Sutherland, Hodgman 1974).
     fn clip(&self, polygon: Vec<Corner>) -> Vec<Corner> {
-        if polygon.iter().all(|corner| self.holds(corner)) {
-            return polygon;
-        }
         let meridian = |corner: &Corner, column: f64, eastward: DVec3| {
             // All meridians go through the pole.
             let on_it = corner.at_pole || corner.grid.x == column;
@@ -210,16 +210,6 @@ impl Window {
     fn uv(&self, corner: &Corner) -> [u16; 2] {
         let uv = (corner.grid - self.low) / (self.high - self.low);
         uv.to_array().map(|f| (f.clamp(0.0, 1.0) * 65535.0).round() as u16)
-    }
-
-    fn vertex(&self, corner: &Corner, origin: DVec3) -> TerrainVertex {
-        let slope = corner.slope.to_array().map(|s| s.round().clamp(-127.0, 127.0) as i8);
-        TerrainVertex {
-            position_m: (corner.position - origin).as_vec3().to_array(),
-            morph_m: corner.morph_m as f32,
-            uv: self.uv(corner),
-            slope_skirt: [slope[0], slope[1], 0, 0],
-        }
     }
 }
 
@@ -259,8 +249,8 @@ fn keep(
     kept
 }
 
-/// The network's triangles that meet a window.
-fn visit(page: &TerrainPage, window: &Window, visit: &mut dyn FnMut([Post; 3])) {
+/// The network's triangles that meet a window, as indices of posts.
+fn visit(page: &TerrainPage, window: &Window, visit: &mut dyn FnMut([usize; 3])) {
     let mut stack = vec![Triangle::ROOTS[1], Triangle::ROOTS[0]];
     while let Some(triangle) = stack.pop() {
         let posts = triangle.vertices(page.diagonal);
@@ -268,28 +258,61 @@ fn visit(page: &TerrainPage, window: &Window, visit: &mut dyn FnMut([Post; 3])) 
             continue;
         }
         let is_split = triangle.split_post(page.diagonal).is_some_and(|post| page.index_of(post).is_some());
-        match triangle.children() {
-            Some([first, second]) if is_split => stack.extend([second, first]),
-            _ => visit(posts),
+        match (triangle.children(), posts.map(|post| page.index_of(post))) {
+            (Some([first, second]), _) if is_split => stack.extend([second, first]),
+            (_, [Some(a), Some(b), Some(c)]) => visit([a, b, c]),
+            _ => {}
         }
     }
 }
+
+const UNUSED: u32 = u32::MAX;
 
 /// Gives one index to corners at one place.
 struct Welder<'a> {
     origin: DVec3,
     window: &'a Window,
-    known: HashMap<([u32; 3], [u16; 2]), u32>,
+    /// Vertex of each post.
+    posts: Vec<u32>,
+    /// Vertices of points of the cut.
+    points: HashMap<([u32; 3], [u16; 2]), u32>,
     mesh: Vec<TerrainVertex>,
 }
 
-impl Welder<'_> {
+impl<'a> Welder<'a> {
+    fn new(origin: DVec3, window: &'a Window, posts: usize) -> Self {
+        Self { origin, window, posts: vec![UNUSED; posts], points: HashMap::new(), mesh: Vec::new() }
+    }
+
     fn index_of(&mut self, corner: &Corner) -> u32 {
-        let vertex = self.window.vertex(corner, self.origin);
-        *self.known.entry((vertex.position_m.map(f32::to_bits), vertex.uv)).or_insert_with(|| {
+        let next = self.mesh.len() as u32;
+        let known = corner.post.map(|post| self.posts[post]).filter(|&vertex| vertex != UNUSED);
+        if let Some(vertex) = known {
+            return vertex;
+        }
+        let vertex = self.vertex(corner);
+        let index = match corner.post {
+            Some(post) => {
+                self.posts[post] = next;
+                next
+            }
+            None => *self.points.entry((vertex.position_m.map(f32::to_bits), vertex.uv)).or_insert(next),
+        };
+        if index == next {
             self.mesh.push(vertex);
-            self.mesh.len() as u32 - 1
-        })
+        }
+        index
+    }
+
+    fn vertex(&self, corner: &Corner) -> TerrainVertex {
+        let position_m = (corner.position - self.origin).as_vec3().to_array();
+        let slope = corner.slope.to_array().map(|s| s.round().clamp(-127.0, 127.0) as i8);
+        TerrainVertex {
+            position_m,
+            morph_m: corner.morph_m as f32,
+            uv: self.window.uv(corner),
+            slope_skirt: [slope[0], slope[1], 0, 0],
+        }
     }
 }
 
@@ -316,48 +339,5 @@ fn skirts(rim: &[[u32; 2]], vertices: &mut Vec<TerrainVertex>, indices: &mut Vec
             })
         });
         indices.extend([low_a, low_b, b, low_a, b, a]);
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::super::terrain::TerrainPost;
-    use super::*;
-    use crate::forest::Zone;
-
-    /// Triangles as their vertices' bytes, in an order of their own.
-    fn triangles(mesh: &TerrainMesh) -> Vec<[Vec<u8>; 3]> {
-        let bytes = |at: &u32| bytemuck::bytes_of(&mesh.vertices[*at as usize]).to_vec();
-        let turned = |t: &[u32]| {
-            let mut t = [bytes(&t[0]), bytes(&t[1]), bytes(&t[2])];
-            let least = (0..3).min_by_key(|&at| t[at].clone()).unwrap_or(0);
-            t.rotate_left(least);
-            t
-        };
-        let mut all: Vec<_> = mesh.indices.chunks(3).map(turned).collect();
-        all.sort();
-        all
-    }
-
-    #[test]
-    fn a_whole_page_is_what_cutting_to_its_own_cell_gives() {
-        for zone in [0, 13, 20, 31] {
-            let cell = Zone::new(zone).unwrap().root();
-            for cell in [cell, cell.children().last().unwrap(), cell.children().next().unwrap()] {
-                let post = |column: usize, row: usize| TerrainPost {
-                    column: column as u8,
-                    row: row as u8,
-                    height_m: ((column * 7 + row * 13) % 31) as f32 * 10.0,
-                    parent_height_m: (column % 5) as f32,
-                    slope: [column as i8, -(row as i8)],
-                };
-                let posts = (0..=SIDE).step_by(4).flat_map(|row| (0..=SIDE).step_by(4).map(move |c| post(c, row)));
-                let page = TerrainPage::from_posts(cell, 1.0, posts.collect()).unwrap();
-                let (fast, slow) = (whole(&page), clipped(&page, cell));
-                assert_eq!(fast.surface_len, slow.surface_len, "{cell}");
-                assert_eq!(fast.origin, slow.origin);
-                assert!(triangles(&fast) == triangles(&slow), "{cell}");
-            }
-        }
     }
 }

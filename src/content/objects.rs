@@ -108,12 +108,11 @@ impl ObjectPage {
         size_of::<Self>() + size_of_val(&*self.objects) + size_of_val(&*self.cells)
     }
 
-    /// The indices that draw a range of objects.
+    /// The indices that draw a range of objects; none where the range leaves the page.
     pub fn indices_of(&self, objects: Range<u32>) -> Range<u32> {
-        match (self.objects.get(objects.start as usize), objects.end.checked_sub(1)) {
-            (Some(first), Some(last)) if objects.start <= last => {
-                first.indices.start..self.objects[last as usize].indices.end
-            }
+        let run = self.objects.get(objects.start as usize..objects.end as usize).unwrap_or_default();
+        match (run.first(), run.last()) {
+            (Some(first), Some(last)) => first.indices.start..last.indices.end,
             _ => 0..0,
         }
     }

@@ -155,3 +155,73 @@ fn outward(from: [f64; 2], to: [f64; 2]) -> u8 {
     let turns = (-east).atan2(north) / std::f64::consts::TAU;
     (turns.rem_euclid(1.0) * 256.0).round() as u32 as u8
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::content::ObjectPage;
+    use crate::geodesy::meridian_radius_m;
+    use proptest::prelude::*;
+
+    /// A block of east × north metres round a place, with its roof.
+    fn block(cell: CellId, lat_rad: f64, lon_rad: f64, east_m: f64, north_m: f64, top_m: f32) -> Prism {
+        let frame = Geodetic { lat_rad, lon_rad, height_m: 0.0 };
+        let across_m = crate::geodesy::prime_vertical_radius_m(lat_rad.sin()) * lat_rad.cos();
+        let along_m = meridian_radius_m(lat_rad.sin());
+        let corner = |x: f64, y: f64| [frame.lon_rad + x * east_m / across_m, frame.lat_rad + y * north_m / along_m];
+        Prism {
+            id: 5,
+            cell,
+            rings: vec![vec![corner(-0.5, -0.5), corner(0.5, -0.5), corner(0.5, 0.5), corner(-0.5, 0.5)]],
+            roof: vec![[0, 1, 2], [0, 2, 3]],
+            base_m: 3.0,
+            top_m,
+            foundation_m: 1.0,
+            wall_color: [1; 3],
+            roof_color: [2; 3],
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn a_block_is_drawn_closed_with_its_size(
+            lat in -80.0..80.0f64, lon in -179.0..179.0f64, east_m in 1.0..300.0f64, north_m in 1.0..300.0f64, tall_m in 1.0..400.0f32,
+        ) {
+            let (lat_rad, lon_rad) = (lat.to_radians(), lon.to_radians());
+            let root = CellId::containing(lat_rad, lon_rad, 12);
+            let (page, mesh) =
+                ObjectPage::from_prisms(root, 1, 0, 0.1, vec![block(root, lat_rad, lon_rad, east_m, north_m, 3.0 + tall_m)]);
+            let object = &page.objects[0];
+            prop_assert!((f64::from(object.reach_m) - east_m.max(north_m)).abs() < 0.02);
+            prop_assert!((f64::from(object.dimension_m) - east_m.max(north_m).max(f64::from(tall_m))).abs() < 0.02);
+            prop_assert!((object.lat_rad - lat_rad).abs() < 1e-9 && (object.lon_rad - lon_rad).abs() < 1e-9);
+            prop_assert_eq!(page.cells[0].height_range_m, (2.0, 3.0 + tall_m));
+            prop_assert_eq!(mesh.indices.len(), 3 * (4 * 2 + 2));
+            // Divergence theorem over walls and roof, seen from the middle of the floor: all faces but the floor.
+            let floor = Geodetic { lat_rad, lon_rad, height_m: 2.0 }.to_ecef().xyz() - page.origin.xyz();
+            let corner = |at: u32| DVec3::from(mesh.vertices[at as usize].position_m.map(f64::from)) - floor;
+            let volume: f64 =
+                mesh.indices.chunks_exact(3).map(|t| corner(t[0]).dot(corner(t[1]).cross(corner(t[2]))) / 6.0).sum();
+            let expected = east_m * north_m * (f64::from(tall_m) + 1.0);
+            prop_assert!((volume / expected - 1.0).abs() < 2e-3, "{volume} {expected}");
+        }
+    }
+
+    #[test]
+    fn objects_are_ordered_by_cell_and_each_cell_has_one_entry() {
+        let root = CellId::containing(0.7, 0.3, 10);
+        let cells: Vec<_> = root.children().collect();
+        let prisms = [3, 0, 2, 0, 3].map(|at: usize| {
+            let center = cells[at].bounds().center();
+            block(cells[at], center.lat_rad, center.lon_rad, 10.0, 20.0, 30.0)
+        });
+        let (page, mesh) = ObjectPage::from_prisms(root, 0, 0, 0.0, prisms.to_vec());
+        let told: Vec<_> = page.cells.iter().map(|entry| (entry.cell, entry.objects.clone())).collect();
+        assert_eq!(told, [(cells[0], 0..2), (cells[2], 2..3), (cells[3], 3..5)]);
+        assert_eq!(page.indices_of(2..5), 60..150);
+        assert_eq!(page.indices_of(0..5).len(), mesh.indices.len());
+        assert_eq!((page.indices_of(3..3), page.indices_of(9..12)), (0..0, 0..0));
+        let (empty, mesh) = ObjectPage::from_prisms(root, 0, 0, 0.0, Vec::new());
+        assert!(empty.objects.is_empty() && mesh.indices.is_empty());
+    }
+}

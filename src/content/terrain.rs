@@ -1,7 +1,7 @@
 //! The terrain surface of a cell: a right-triangulated irregular network over its posts, drawn as flat triangles in
 //! space between ellipsoid positions of its posts.
 
-use super::rtin::{Active, Diagonal, Post, SIDE};
+use super::rtin::{Active, Diagonal, POST_COUNT, Post, SIDE};
 use super::surface::{self, Surface};
 use crate::forest::CellId;
 use crate::geodesy::{Ecef, GeoBounds, Point, prime_vertical_radius_m};
@@ -75,15 +75,12 @@ impl TerrainPage {
         if active.len() != posts.len() || !active.is_closed(diagonal) {
             return None;
         }
-        let mut page = Self { cell, error_m, diagonal, posts, triangles: Vec::new() };
-        let corner = |post| page.index_of(post).map(|index| index as u16);
-        let triangles: Option<Vec<_>> = active
-            .triangles(diagonal)
-            .into_iter()
-            .map(|[a, b, c]| Some([corner(a)?, corner(b)?, corner(c)?]))
-            .collect();
-        page.triangles = triangles?;
-        Some(page)
+        let slot = |(column, row): Post| usize::from(row) * (SIDE + 1) + usize::from(column);
+        let mut index = vec![0; POST_COUNT];
+        posts.iter().zip(0..).for_each(|(post, at)| index[slot((post.column, post.row))] = at);
+        let triangles =
+            active.triangles(diagonal).into_iter().map(|posts| posts.map(|post| index[slot(post)])).collect();
+        Some(Self { cell, error_m, diagonal, posts, triangles })
     }
 
     pub fn byte_len(&self) -> usize {

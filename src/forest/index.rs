@@ -3,108 +3,13 @@
 //!
 //! A node takes 32 bytes, an entry for the objects of a collection 12; traversal needs no page.
 
+pub use super::record::{NodeInfo, NodeRecord, ObjectsEntry, ObjectsRecord, Place, TerrainEntry};
 use super::{CellId, Quadrant, Zone};
-use bytemuck::{Pod, Zeroable};
 use std::collections::{BTreeMap, VecDeque};
 use std::sync::Arc;
 
 /// Levels in a segment; a segment's root is at a multiple of it.
 pub const SEGMENT_LEVELS: u8 = 6;
-const OFFSET_BITS: u32 = 40;
-
-/// Where a page lies in its zone's pack. Offsets are below 2⁴⁰, lengths below 2²⁴ bytes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Place {
-    pub offset: u64,
-    pub len: u32,
-}
-
-impl Place {
-    /// `None` when offset or length do not fit.
-    pub fn new(offset: u64, len: u32) -> Option<Self> {
-        (offset < 1 << OFFSET_BITS && len < 1 << 24).then_some(Self { offset, len })
-    }
-
-    fn pack(self) -> u64 {
-        self.offset | u64::from(self.len) << OFFSET_BITS
-    }
-
-    fn unpack(bits: u64) -> Self {
-        Self { offset: bits & ((1 << OFFSET_BITS) - 1), len: (bits >> OFFSET_BITS) as u32 }
-    }
-}
-
-/// One node as it lies in a file, little-endian.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct NodeRecord {
-    /// Place of the terrain page; imagery follows it directly. Length 0: no terrain page.
-    terrain: u64,
-    /// Low 24 bits: length of the imagery page (0: none). Bits 24–27: children that exist.
-    imagery_len_children: u32,
-    /// Index in this segment of the first child; in the last level of a segment, index of the first child's segment.
-    first_child: u32,
-    terrain_error_m: f32,
-    height_min_m: i16,
-    height_max_m: i16,
-    /// Largest bounding dimension and reach of objects in the subtree, in units of 1/8 m rounded up, saturating.
-    dimension: u16,
-    reach: u16,
-    /// High 24 bits: index of the first objects entry; low 8: their number.
-    objects: u32,
-}
-
-/// Objects of one collection and rep whose page is rooted at a node.
-#[repr(C)]
-#[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
-pub struct ObjectsRecord {
-    place: [u32; 2],
-    collection: u8,
-    rep: u8,
-    dimension: u16,
-}
-
-const _: () = assert!(size_of::<NodeRecord>() == 32 && size_of::<ObjectsRecord>() == 12);
-
-/// Sizes are stored in eighths of a metre, rounded up so that a bound stays a bound; u16::MAX stands for "larger".
-fn pack_size(metres: f64) -> u16 {
-    (metres.max(0.0) * 8.0).ceil().min(f64::from(u16::MAX)) as u16
-}
-
-fn unpack_size(eighths: u16) -> f64 {
-    if eighths == u16::MAX { f64::INFINITY } else { f64::from(eighths) / 8.0 }
-}
-
-/// Everything the index knows of a cell; what [`IndexTree::build`] takes.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct NodeInfo {
-    pub terrain: Option<TerrainEntry>,
-    pub imagery: Option<Place>,
-    /// Lowest and highest drawn height in the subtree, objects included; metres above the ellipsoid.
-    pub height_range_m: (f64, f64),
-    /// Largest bounding dimension of the objects in the subtree, metres.
-    pub dimension_m: f64,
-    /// Largest reach of the objects in the subtree, metres.
-    pub reach_m: f64,
-    pub objects: Vec<ObjectsEntry>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct TerrainEntry {
-    pub place: Place,
-    pub error_m: f32,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ObjectsEntry {
-    pub collection: u8,
-    /// 0 is the finest.
-    pub rep: u8,
-    pub place: Place,
-    /// Largest bounding dimension in the page, metres.
-    pub dimension_m: f64,
-}
-
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
 pub enum IndexError {
     #[error("cell {0} has no parent in the index")]
@@ -115,6 +20,8 @@ pub enum IndexError {
     Apart(CellId),
     #[error("cell {0} has more than 255 object pages")]
     TooManyObjects(CellId),
+    #[error("a page of cell {0} lies beyond 2⁴⁰ bytes or is longer than 2²⁴: cut the world into smaller pages")]
+    TooLarge(CellId),
     #[error("segment {segment}: {what}")]
     Malformed { segment: u32, what: &'static str },
 }
@@ -258,63 +165,71 @@ impl IndexTree {
     fn check(&self) -> Result<(), IndexError> {
         let mut roots_seen = 1;
         for (at, segment) in self.segments.iter().enumerate() {
-            let fail = |what| Err(IndexError::Malformed { segment: at as u32, what });
+            let malformed = |what| IndexError::Malformed { segment: at as u32, what };
             if segment.root.level() % SEGMENT_LEVELS != 0
                 || segment.root.zone() != self.zone
                 || segment.nodes().is_empty()
             {
-                return fail("a wrong root or no node");
+                return Err(malformed("a wrong root or no node"));
             }
             if at == 0 && segment.root != self.zone.root() {
-                return fail("the first segment is not the zone's root");
+                return Err(malformed("the first segment is not the zone's root"));
             }
-            let last_level = segment.root.level() + SEGMENT_LEVELS - 1;
-            let mut next_node = 1;
-            let mut cells = VecDeque::from([segment.root]);
-            for record in segment.nodes() {
-                let Some(cell) = cells.pop_front() else {
-                    return fail("more nodes than links");
-                };
-                let objects_end = (record.objects >> 8) as usize + (record.objects & 255) as usize;
-                if objects_end > segment.objects().len() {
-                    return fail("an objects link beyond the end");
-                }
-                let children = record.imagery_len_children >> 24;
-                if children == 0 {
-                    continue;
-                }
-                if children > 15 {
-                    return fail("a child mask with unknown bits");
-                }
-                let count = children.count_ones();
-                let next = if cell.level() == last_level { &mut roots_seen } else { &mut next_node };
-                if record.first_child != *next {
-                    return fail("a child link out of order");
-                }
-                *next += count;
-                for quadrant in quadrants(children) {
-                    let Some(child) = cell.child(quadrant) else {
-                        return fail("a child that cannot exist");
-                    };
-                    if cell.level() < last_level {
-                        cells.push_back(child);
-                    } else {
-                        let at = record.first_child + rank(children, quadrant);
-                        if self.segments.get(at as usize).map(Segment::root) != Some(child) {
-                            return fail("a child segment is missing");
-                        }
-                    }
-                }
-            }
-            if next_node as usize != segment.nodes().len() {
-                return fail("fewer nodes than links");
-            }
+            self.check_segment(segment, &mut roots_seen).map_err(malformed)?;
         }
         if roots_seen as usize != self.segments.len() {
             return Err(IndexError::Malformed { segment: roots_seen, what: "a segment that nothing links to" });
         }
         Ok(())
     }
+
+    /// Follows the links breadth first, as they were written. `roots_seen` counts the segments linked to so far.
+    fn check_segment(&self, segment: &Segment, roots_seen: &mut u32) -> Result<(), &'static str> {
+        let last_level = segment.root.level() + SEGMENT_LEVELS - 1;
+        let mut next_node = 1;
+        let mut cells = VecDeque::from([segment.root]);
+        for record in segment.nodes() {
+            let cell = cells.pop_front().ok_or("more nodes than links")?;
+            check_record(record, cell, segment.objects().len())?;
+            if record.children() == 0 {
+                continue;
+            }
+            let is_last = cell.level() == last_level;
+            let next = if is_last { &mut *roots_seen } else { &mut next_node };
+            if record.first_child() != *next {
+                return Err("a child link out of order");
+            }
+            for child in quadrants(record.children()).filter_map(|quadrant| cell.child(quadrant)) {
+                if !is_last {
+                    cells.push_back(child);
+                } else if self.segments.get(*next as usize).map(Segment::root) != Some(child) {
+                    return Err("a child segment is missing");
+                }
+                *next += 1;
+            }
+        }
+        if next_node as usize != segment.nodes().len() {
+            return Err("fewer nodes than links");
+        }
+        Ok(())
+    }
+}
+
+/// What a record says by itself.
+fn check_record(record: &NodeRecord, cell: CellId, objects_count: usize) -> Result<(), &'static str> {
+    if !record.is_error_a_length() {
+        return Err("an error that is no length");
+    }
+    if record.objects().end > objects_count {
+        return Err("an objects link beyond the end");
+    }
+    if record.children() > 15 {
+        return Err("a child mask with unknown bits");
+    }
+    if quadrants(record.children()).any(|quadrant| cell.child(quadrant).is_none()) {
+        return Err("a child that cannot exist");
+    }
+    Ok(())
 }
 
 fn quadrants(mask: u32) -> impl Iterator<Item = Quadrant> {
@@ -348,16 +263,8 @@ fn build_segment(
         } else {
             queue.extend(children);
         }
-        nodes.push(pack_node(cell, info, mask, first_child, objects.len())?);
-        objects.extend(info.objects.iter().map(|entry| {
-            let place = entry.place.pack();
-            ObjectsRecord {
-                place: [place as u32, (place >> 32) as u32],
-                collection: entry.collection,
-                rep: entry.rep,
-                dimension: pack_size(entry.dimension_m),
-            }
-        }));
+        nodes.push(NodeRecord::pack(cell, info, mask, first_child, objects.len())?);
+        objects.extend(info.objects.iter().map(ObjectsRecord::pack));
     }
     let mut bytes: Vec<u8> = bytemuck::cast_slice(&nodes).to_vec();
     bytes.extend_from_slice(bytemuck::cast_slice(&objects));
@@ -374,38 +281,6 @@ impl AsRef<[u8]> for Words {
     fn as_ref(&self) -> &[u8] {
         bytemuck::cast_slice(&self.0)
     }
-}
-
-fn pack_node(
-    cell: CellId,
-    info: &NodeInfo,
-    mask: u32,
-    first_child: u32,
-    first_object: usize,
-) -> Result<NodeRecord, IndexError> {
-    let terrain = match (info.terrain, info.imagery) {
-        (Some(terrain), Some(imagery)) if terrain.place.offset + u64::from(terrain.place.len) != imagery.offset => {
-            return Err(IndexError::Apart(cell));
-        }
-        (Some(terrain), _) => terrain.place,
-        (None, Some(imagery)) => Place { offset: imagery.offset, len: 0 },
-        (None, None) => Place { offset: 0, len: 0 },
-    };
-    if info.objects.len() > 255 {
-        return Err(IndexError::TooManyObjects(cell));
-    }
-    let height = |m: f64| m.clamp(f64::from(i16::MIN), f64::from(i16::MAX)) as i16;
-    Ok(NodeRecord {
-        terrain: terrain.pack(),
-        imagery_len_children: info.imagery.map_or(0, |place| place.len) | mask << 24,
-        first_child,
-        terrain_error_m: info.terrain.map_or(0.0, |terrain| terrain.error_m),
-        height_min_m: height(info.height_range_m.0.floor()),
-        height_max_m: height(info.height_range_m.1.ceil()),
-        dimension: pack_size(info.dimension_m),
-        reach: pack_size(info.reach_m),
-        objects: (first_object as u32) << 8 | info.objects.len() as u32,
-    })
 }
 
 /// A node of an index tree, with its cell.
@@ -434,57 +309,45 @@ impl<'a> Node<'a> {
     }
 
     pub fn terrain(&self) -> Option<TerrainEntry> {
-        let record = self.record();
-        let place = Place::unpack(record.terrain);
-        (place.len > 0).then_some(TerrainEntry { place, error_m: record.terrain_error_m })
+        self.record().terrain()
     }
 
     pub fn imagery(&self) -> Option<Place> {
-        let record = self.record();
-        let len = record.imagery_len_children & 0xff_ffff;
-        let terrain = Place::unpack(record.terrain);
-        (len > 0).then_some(Place { offset: terrain.offset + u64::from(terrain.len), len })
+        self.record().imagery()
     }
 
     /// Lowest and highest drawn height in the subtree, objects included; metres.
     pub fn height_range_m(&self) -> (f64, f64) {
-        (f64::from(self.record().height_min_m), f64::from(self.record().height_max_m))
+        self.record().height_range_m()
     }
 
     /// Largest bounding dimension of the objects in the subtree, metres; 0 when there are none.
     pub fn dimension_m(&self) -> f64 {
-        unpack_size(self.record().dimension)
+        self.record().dimension_m()
     }
 
     /// Largest reach of the objects in the subtree, metres; 0 when there are none.
     pub fn reach_m(&self) -> f64 {
-        unpack_size(self.record().reach)
+        self.record().reach_m()
     }
 
     /// The pages of objects rooted at this cell.
     pub fn objects(&self) -> impl Iterator<Item = ObjectsEntry> + use<'a> {
-        let packed = self.record().objects;
-        let (first, count) = ((packed >> 8) as usize, (packed & 255) as usize);
-        self.segment().objects()[first..first + count].iter().map(|record| ObjectsEntry {
-            collection: record.collection,
-            rep: record.rep,
-            place: Place::unpack(u64::from(record.place[0]) | u64::from(record.place[1]) << 32),
-            dimension_m: unpack_size(record.dimension),
-        })
+        self.segment().objects()[self.record().objects()].iter().map(ObjectsRecord::unpack)
     }
 
     pub fn has_children(&self) -> bool {
-        self.record().imagery_len_children >> 24 != 0
+        self.record().children() != 0
     }
 
     pub fn child(&self, quadrant: Quadrant) -> Option<Node<'a>> {
         let record = self.record();
-        let mask = record.imagery_len_children >> 24;
+        let mask = record.children();
         if mask >> quadrant as u32 & 1 == 0 {
             return None;
         }
         let cell = self.cell.child(quadrant)?;
-        let next = record.first_child + rank(mask, quadrant);
+        let next = record.first_child() + rank(mask, quadrant);
         let at = if cell.level() % SEGMENT_LEVELS == 0 {
             NodeRef { segment: next, node: 0 }
         } else {

@@ -3,6 +3,7 @@
 mod cell;
 pub mod index;
 mod neighbors;
+mod record;
 mod sides;
 mod thinning;
 

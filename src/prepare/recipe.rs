@@ -1,6 +1,7 @@
 //! Recipes: what a world is made of, as TOML.
 
 use super::PrepareError;
+use crate::geodesy::VerticalDatum;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -27,16 +28,6 @@ pub struct Recipe {
     pub path: PathBuf,
 }
 
-/// What heights count from.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Deserialize)]
-#[serde(rename_all = "lowercase")]
-pub enum VerticalDatum {
-    Ellipsoid,
-    #[default]
-    Egm96,
-    Egm2008,
-}
-
 /// A number, or text: an attribute's name or an expression over attributes.
 #[derive(Clone, Debug, PartialEq, Deserialize)]
 #[serde(untagged)]
@@ -51,7 +42,8 @@ pub enum Amount {
 pub struct ElevationSection {
     /// A file, a folder, a glob, or a .zip that holds such.
     pub file: String,
-    #[serde(default)]
+    /// What its heights count from.
+    #[serde(default = "default_vertical")]
     pub vertical: VerticalDatum,
     /// Width of the seam with coarser sources, metres; by default 16 of its own posts.
     pub feather_m: Option<f64>,
@@ -71,6 +63,11 @@ pub struct ElevationSection {
     pub credit: String,
     #[serde(default)]
     pub licence: String,
+}
+
+/// Heights are above mean sea level unless a recipe says otherwise.
+fn default_vertical() -> VerticalDatum {
+    VerticalDatum::Egm96
 }
 
 /// See [`ElevationSection::prune_error_m`].

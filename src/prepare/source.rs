@@ -54,6 +54,16 @@ impl SourceFile {
         Ok(bytes)
     }
 
+    /// Length of the (unpacked) file.
+    pub fn bytes(&self) -> Result<u64, PrepareError> {
+        let Some(inside) = &self.inside else {
+            return Ok(std::fs::metadata(&self.path).map_err(|e| PrepareError::read(&self.path, e))?.len());
+        };
+        let mut zip = open_zip(&self.path)?;
+        let entry = zip.by_name(inside).map_err(|e| PrepareError::damaged(self.path.display(), inside, e))?;
+        Ok(entry.size())
+    }
+
     /// A reader: buffered from disk, or over the unpacked bytes.
     pub fn open(&self) -> Result<Box<dyn ReadSeek>, PrepareError> {
         match &self.inside {

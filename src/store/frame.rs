@@ -19,7 +19,7 @@ use std::borrow::Cow;
 use xxhash_rust::xxh3::Xxh3;
 
 const MAGIC: [u8; 4] = *b"STPG";
-const VERSION: u8 = 1;
+pub(super) const VERSION: u8 = 1;
 pub(super) const HEADER_BYTES: usize = 32;
 /// No page unpacks to more than this; what claims to is malformed.
 pub(super) const UNPACKED_MAX: usize = 64 << 20;

@@ -9,7 +9,9 @@
 //! | then | table: per segment its root's ordinal and its offset (8 bytes each), nodes and objects entries (4 each), xxh3 (8) |
 //! | then | segments, aligned to 8 bytes: node records, then objects records |
 //!
-//! All sums and links are checked as a file is opened, at some GiB/s, so that traversal cannot fail later.
+//! All sums and links are checked as a file is opened, so that traversal cannot fail later. That took 55 ms for
+//! 1.4 million nodes in one zone (45 MB); zones are opened side by side. Worlds with more will want their segments
+//! checked as they are first used.
 
 use super::bytes::{Reader, Writer};
 use crate::forest::index::{IndexTree, NodeRecord, ObjectsRecord, Segment};

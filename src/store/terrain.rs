@@ -8,10 +8,9 @@
 use super::bytes::{BitReader, BitWriter, Reader, Writer};
 use super::error::{EncodeError, PageFault};
 use super::frame::{self, Framed};
-use crate::content::rtin::{Active, CORNERS, Diagonal, Post, splits};
+use crate::content::rtin::{Active, CORNERS, Diagonal, POST_COUNT, Post, SIDE, splits};
 use crate::content::{PageId, PageKind, TerrainPage, TerrainPost};
 use crate::forest::CellId;
-use std::collections::HashMap;
 
 /// No finer step is written, metres: f32 heights below 16 km hold it.
 pub const HEIGHT_STEP_MIN_M: f32 = 1e-3;
@@ -30,20 +29,26 @@ fn order(diagonal: Diagonal) -> impl Iterator<Item = (Post, Option<[Post; 2]>)> 
 }
 
 /// Predictions from posts that came before: the mean of the ends, or the last corner.
-#[derive(Default)]
 struct Predictor {
-    known: HashMap<Post, i64>,
+    known: Vec<i64>,
     last: i64,
 }
 
 impl Predictor {
+    fn new() -> Self {
+        Self { known: vec![0; POST_COUNT], last: 0 }
+    }
+
+    fn slot((column, row): Post) -> usize {
+        usize::from(row) * (SIDE + 1) + usize::from(column)
+    }
+
     fn predict(&self, ends: Option<[Post; 2]>) -> i64 {
-        let known = |post: Post| self.known.get(&post).copied().unwrap_or(0);
-        ends.map_or(self.last, |[a, b]| (known(a) + known(b)) >> 1)
+        ends.map_or(self.last, |[a, b]| (self.known[Self::slot(a)] + self.known[Self::slot(b)]) >> 1)
     }
 
     fn learn(&mut self, post: Post, value: i64) {
-        self.known.insert(post, value);
+        self.known[Self::slot(post)] = value;
         self.last = value;
     }
 }
@@ -65,8 +70,8 @@ pub fn encode_terrain(page: &TerrainPage, step_m: f32) -> Result<Vec<u8>, Encode
     plain.bytes(&bits);
     let (mut own, mut parent, mut slopes) =
         (Writer::default(), Writer::default(), [Writer::default(), Writer::default()]);
-    let mut heights = Predictor::default();
-    let mut slope = [Predictor::default(), Predictor::default()];
+    let mut heights = Predictor::new();
+    let mut slope = [Predictor::new(), Predictor::new()];
     for (at, ends) in order(page.diagonal) {
         let Some(post) = page.index_of(at).map(|index| &page.posts[index]) else { continue };
         let height = steps(post.height_m);
@@ -146,7 +151,7 @@ fn decode_posts(
     };
     let mut posts = Vec::with_capacity(used.len());
     let mut steps = Vec::with_capacity(used.len());
-    let mut heights = Predictor::default();
+    let mut heights = Predictor::new();
     for &(post, ends) in &used {
         let height = heights.predict(ends).wrapping_add(reader.signed()?);
         let height_m = metres(height)?;
@@ -159,7 +164,7 @@ fn decode_posts(
         post.parent_height_m = metres(height.wrapping_add(reader.signed()?))?;
     }
     for axis in 0..2 {
-        let mut slopes = Predictor::default();
+        let mut slopes = Predictor::new();
         for (post, &(at, ends)) in posts.iter_mut().zip(&used) {
             let value = (slopes.predict(ends) as u8).wrapping_add(reader.u8()?) as i8;
             post.slope[axis] = value;

@@ -4,10 +4,11 @@ use super::error::StoreError;
 use super::index::{self, IndexFault};
 use super::manifest::Manifest;
 use super::pack::{LocalPacks, MemoryPacks, PageSource, index_path};
-use super::{PrismPage, decode_attributes, decode_page, decode_prisms, map};
+use super::{PageFault, PrismPage, decode_attributes, decode_page, decode_prisms, frame, map};
 use crate::content::{Page, PageId, PageKind};
 use crate::forest::Zone;
 use crate::forest::index::{IndexForest, IndexTree, Place};
+use rayon::prelude::*;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
@@ -32,14 +33,16 @@ impl World {
             _ => StoreError::io(&manifest_file, error),
         })?;
         let manifest = Manifest::parse(&text, &manifest_file)?;
-        let mut index = IndexForest::default();
-        for &zone in &manifest.zones {
+        let open = |&zone: &u8| {
             let zone = Zone::new(zone).ok_or_else(|| StoreError::Manifest {
                 file: manifest_file.clone(),
                 cause: format!("{zone} is no zone"),
             })?;
-            index.insert(open_index(&index_path(dir, zone), zone)?);
-        }
+            open_index(&index_path(dir, zone), zone)
+        };
+        let trees: Vec<IndexTree> = manifest.zones.par_iter().map(open).collect::<Result<_, _>>()?;
+        let mut index = IndexForest::default();
+        trees.into_iter().for_each(|tree| index.insert(tree));
         Ok(Self { name: dir.to_owned(), manifest, index, source: Box::new(LocalPacks::new(dir)) })
     }
 
@@ -110,13 +113,12 @@ impl World {
         decode_attributes(bytes).map_err(|fault| self.page_error(page, fault))
     }
 
-    pub(super) fn page_error(&self, page: PageId, fault: super::PageFault) -> StoreError {
-        StoreError::Page {
-            file: self.source.pack_name(page.cell.zone()),
-            page,
-            offset: self.place(page).map_or(0, |place| place.offset),
-            fault,
+    pub(super) fn page_error(&self, page: PageId, fault: PageFault) -> StoreError {
+        let file = self.source.pack_name(page.cell.zone());
+        if let PageFault::FutureVersion(found) = fault {
+            return StoreError::FutureVersion { file, found: u32::from(found), supported: u32::from(frame::VERSION) };
         }
+        StoreError::Page { file, page, offset: self.place(page).map_or(0, |place| place.offset), fault }
     }
 }
 

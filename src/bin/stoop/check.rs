@@ -45,29 +45,58 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
 }
 
 fn verify(world: &World, json: bool) -> anyhow::Result<ExitCode> {
-    let report = world.verify(&mut |_| {});
+    let report = world.verify(&mut |_, _| {});
     if json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {
-        println!("{} pages, {} bytes verified", report.pages, report.bytes);
-        for fault in &report.faults {
-            println!("fault: {fault}");
+        println!("{} nodes, {} pages, {} bytes verified", report.nodes, report.pages, report.bytes);
+        for problem in &report.problems {
+            println!("{}: {}", problem.place, problem.what);
         }
-        println!("{}", if report.faults.is_empty() { "clean" } else { "not clean" });
+        println!("{}", if report.problems.is_empty() { "clean" } else { "not clean" });
     }
-    Ok(cli::clean(report.faults.is_empty()))
+    Ok(cli::clean(report.problems.is_empty()))
 }
 
 #[cfg(feature = "prepare")]
 fn against(world: &World, recipe: &std::path::Path, arguments: &Arguments) -> anyhow::Result<ExitCode> {
+    use stoop::prepare::{Recipe, against::check_against};
+    let recipe = Recipe::read(recipe)?;
     let report =
-        stoop::prepare::check_against(world, recipe, arguments.root.as_deref(), arguments.samples, arguments.seed)?;
+        check_against(world, &recipe, arguments.root.as_deref(), arguments.samples, arguments.seed, &|_| {})?;
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {
-        print!("{report}");
+        print_against(&report);
     }
-    Ok(cli::clean(report.is_clean()))
+    Ok(cli::clean(report.violations == 0))
+}
+
+#[cfg(feature = "prepare")]
+fn print_against(report: &stoop::prepare::against::AgainstReport) {
+    println!("{} places, {} comparisons, {} violations", report.samples, report.comparisons, report.violations);
+    println!("finest cells: largest error {:.3} m, mean {:.3} m", report.finest_worst_m, report.finest_mean_m);
+    println!("level  comparisons  violations  worst measured / declared");
+    for level in &report.levels {
+        println!(
+            "{:>5}  {:>11}  {:>10}  {:>12.3}",
+            level.level, level.comparisons, level.violations, level.worst_ratio
+        );
+    }
+    let tight = &report.tightness;
+    println!(
+        "tight within 2×: {} of {} land cells ({:.0} %), median measured / declared {:.3}",
+        tight.tight_cells,
+        tight.land_cells,
+        tight.tight_share * 100.0,
+        tight.median_ratio
+    );
+    for violation in &report.examples {
+        println!(
+            "violation: cell {} at {:.6} {:.6}: drawn {:.3} m, truth {:.3} m, declared {:.3} m",
+            violation.cell, violation.lon_deg, violation.lat_deg, violation.drawn_m, violation.truth_m, violation.error_m
+        );
+    }
 }
 
 #[cfg(not(feature = "prepare"))]

@@ -4,7 +4,6 @@ use crate::cli;
 use crate::place::for_each_objects_page;
 use anyhow::Context;
 use serde_json::json;
-use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use stoop::content::{PageId, PageKind, Prism};
@@ -71,8 +70,8 @@ fn write_collection(world: &World, name: &str, rep: u8, out: &Path) -> anyhow::R
             }
             let id = PageId { cell: root, kind: PageKind::Objects { collection: entry.collection, rep } };
             let bytes = world.read(id, entry.place)?;
-            let attributes = world.decode_attributes(id, &bytes)?;
-            for (prism, text) in world.decode_prisms(id, &bytes)?.iter().zip(&attributes) {
+            let attributes = world.attributes(id, &bytes)?;
+            for (prism, text) in world.prisms(id, &bytes)?.prisms.iter().zip(&attributes) {
                 let separator = if count == 0 { "\n" } else { ",\n" };
                 write!(file, "{separator}{}", feature(prism, text))?;
                 count += 1;

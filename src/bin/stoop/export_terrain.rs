@@ -60,7 +60,7 @@ impl Surfaces<'_> {
         for cell in wanted.ancestors() {
             let Some(entry) = self.world.index().find(cell).and_then(|node| node.terrain()) else { continue };
             let id = PageId { cell, kind: PageKind::Terrain };
-            if let Page::Terrain(page) = self.world.decode(id, &self.world.read(id, entry.place)?)? {
+            if let Page::Terrain(page) = self.world.load(id, entry.place)? {
                 return Ok(Some(page));
             }
         }

@@ -39,7 +39,7 @@ pub fn ground(world: &World, place: Geodetic) -> Result<Option<Ground>, StoreErr
     for node in nodes_at(world, place) {
         let Some(entry) = node.terrain() else { continue };
         let id = PageId { cell: node.cell(), kind: PageKind::Terrain };
-        if let Page::Terrain(page) = world.decode(id, &world.read(id, entry.place)?)? {
+        if let Page::Terrain(page) = world.load(id, entry.place)? {
             let height_m = page.surface_height_m(place.lat_rad, place.lon_rad, 1.0);
             return Ok(height_m.map(|height_m| Ground { cell: node.cell(), error_m: entry.error_m, height_m }));
         }
@@ -91,11 +91,11 @@ pub fn objects_at(world: &World, place: Geodetic) -> anyhow::Result<Vec<Standing
     for_each_objects_page(world, &|node| may_reach(node, place), &mut |root, entry| {
         let id = PageId { cell: root, kind: PageKind::Objects { collection: entry.collection, rep: entry.rep } };
         let bytes = world.read(id, entry.place)?;
-        let prisms = world.decode_prisms(id, &bytes)?;
+        let prisms = world.prisms(id, &bytes)?.prisms;
         let mut attributes = None;
         for (at, prism) in prisms.iter().enumerate().filter(|(_, prism)| covers(prism, place)) {
             if attributes.is_none() {
-                attributes = Some(world.decode_attributes(id, &bytes)?);
+                attributes = Some(world.attributes(id, &bytes)?);
             }
             let text = attributes.as_ref().and_then(|all| all.get(at)).map_or("{}", String::as_str);
             let name = world.manifest().collections.get(usize::from(entry.collection));
