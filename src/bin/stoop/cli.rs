@@ -119,6 +119,17 @@ pub fn make_folder(folder: &PathBuf) -> anyhow::Result<()> {
         .with_context(|| format!("cannot make the folder {}: check its place and rights", folder.display()))
 }
 
+/// A world for the engine.
+pub fn open(folder: &std::path::Path) -> anyhow::Result<stoop::engine::Source> {
+    Ok(stoop::engine::Source::of(stoop::store::World::open(folder)?))
+}
+
+/// Writes to standard output; a closed pipe is no failure of the work that was done.
+pub fn say(text: &str) {
+    use std::io::Write;
+    let _ = std::io::stdout().write_all(text.as_bytes());
+}
+
 /// West, south, east, north in degrees as people write them: `-122.6,37.7,-122.3,37.9`.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BoundsDeg(pub [f64; 4]);
@@ -163,15 +174,4 @@ pub fn write_whole(
 /// The exit status of a check.
 pub fn clean(is_clean: bool) -> ExitCode {
     if is_clean { ExitCode::SUCCESS } else { ExitCode::FAILURE }
-}
-
-/// A world for the engine.
-pub fn open(folder: &std::path::Path) -> anyhow::Result<stoop::engine::Source> {
-    Ok(stoop::engine::Source::of(stoop::store::World::open(folder)?))
-}
-
-/// Writes to standard output; a closed pipe is no failure of the work that was done.
-pub fn say(text: &str) {
-    use std::io::Write;
-    let _ = std::io::stdout().write_all(text.as_bytes());
 }
