@@ -46,9 +46,14 @@ fn vs_main(vertex: TerrainVertex, @builtin(instance_index) instance: u32) -> Ter
     let piece = pieces[instance];
     let own_from_eye = vertex.position_m + piece.offset;
     let up = up_at(own_from_eye);
-    let rise_m = vertex.morph_m * (1.0 - piece.own) - vertex.slope_skirt.z * piece.skirt_m - press_at(own_from_eye);
-    let from_eye = own_from_eye + up * rise_m;
+    let skirt_m = vertex.slope_skirt.z * piece.skirt_m;
+    let rise_m = vertex.morph_m * (1.0 - piece.own) - skirt_m - press_at(own_from_eye);
     let east = east_at(up);
+    // Skirts spread outwards as they fall: chords of unlike length along a parallel part sideways too, and a view
+    // straight down would see between upright ones.
+    let outward = select(vec2<f32>(0.0), vec2<f32>(-1.0), vertex.uv <= vec2<f32>(0.0))
+        + select(vec2<f32>(0.0), vec2<f32>(1.0), vertex.uv >= vec2<f32>(1.0));
+    let from_eye = own_from_eye + up * rise_m + (east * outward.x + cross(up, east) * outward.y) * skirt_m;
     let slope = tan(clamp(vertex.slope_skirt.xy, vec2<f32>(-0.96), vec2<f32>(0.96)) * 1.5707963);
     let normal = normalize(up - slope.x * east - slope.y * cross(up, east));
     let level = dot(up, frame.sun.xyz);

@@ -3,6 +3,7 @@
 mod georeferenced;
 
 use super::placement::overlap;
+use super::paint::OsmPainter;
 use super::raster::picture::{to_linear, to_srgb};
 use super::recipe::ImagerySection;
 use super::source::{SourceFile, resolve};
@@ -151,7 +152,7 @@ fn open_one(
     room: &mut Room,
 ) -> Result<Box<dyn PictureSource>, PrepareError> {
     if file.has_extension(&["pbf"]) {
-        return Err(PrepareError::unsupported(file, "its kind", "painting from OSM", "leave it out"));
+        return Ok(Box::new(OsmPainter::open(section, file)?));
     }
     Ok(Box::new(GeoPicture::open(section, file, &mut |cols, rows| room.take(file, cols, rows))?))
 }

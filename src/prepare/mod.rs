@@ -9,21 +9,12 @@ pub mod crs;
 pub mod elevation;
 pub mod error;
 pub mod expression;
-<<<<<<< HEAD
 mod geotiff_write;
-=======
->>>>>>> terrain
 pub mod imagery;
 pub mod imagery_source;
-<<<<<<< HEAD
-<<<<<<< HEAD
-pub mod pipeline;
-=======
-pub mod placement;
->>>>>>> raster
-=======
 pub mod paint;
->>>>>>> vector
+pub mod pipeline;
+pub mod placement;
 pub mod raster;
 pub mod recipe;
 mod recipe_hash;
