@@ -91,7 +91,8 @@ impl Engine {
         Ok(self.report(request, &selection, &drawn, timings))
     }
 
-    /// Completions, selection and requests; once, or until settled.
+    /// Completions, selection and requests; once, or until settled. In lock-step, what this frame's budget could read
+    /// is drawn in this frame.
     fn advance(&mut self, request: &FrameRequest, timings: &mut FrameTimings) -> Selection {
         loop {
             let now_s = request.t_s + self.waited_s;
@@ -101,8 +102,14 @@ impl Engine {
             if hurt {
                 selection = timed(&mut timings.select_ms, || self.select_at(&request.view, self.tolerance.factor()));
             }
-            if self.params.mode != Mode::Settled || self.is_settled() {
-                return selection;
+            let mode = self.params.mode;
+            match mode {
+                Mode::Settled if !self.is_settled() => {}
+                Mode::LockStep if self.residency.manager.stats().in_flight > 0 => {
+                    timed(&mut timings.complete_ms, || self.residency.receive(now_s, &mut self.renderer));
+                    return timed(&mut timings.select_ms, || self.choose(&request.view));
+                }
+                _ => return selection,
             }
         }
     }

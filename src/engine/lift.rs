@@ -9,10 +9,10 @@ use crate::forest::{CellId, LEVEL_MAX};
 use crate::select::{DrawObjects, DrawPiece};
 use std::collections::HashMap;
 
-/// Morph weights closer than this count as the same.
+/// Morph weights are rounded to one of so many steps, and lifts to this many metres, so that a slow morph does not send
+/// them to the GPU in every frame. A lift depends on what is drawn alone, not on what was drawn before.
 const OWN_STEPS: f32 = 64.0;
-/// Lifts closer than this are not sent to the GPU again, metres.
-const LIFT_STEP_M: f32 = 0.01;
+const LIFT_STEP_M: f64 = 0.01;
 
 /// What following the lift of an object takes, bytes.
 pub const LIFT_BYTES_PER_OBJECT: usize = size_of::<Option<Standing>>() + size_of::<f32>() + size_of::<u8>();
@@ -126,12 +126,9 @@ impl PageLifts {
         let known = self.standing[which].filter(|standing| standing.terrain == piece.terrain.cell);
         let Some(standing) = known.or_else(|| Standing::of(object, &piece.terrain)) else { return false };
         self.standing[which] = Some(standing);
-        let lift_m = standing.lift_m(object, f64::from(piece.own), self.finest[which]);
-        let changed = (lift_m - self.lifts_m[which]).abs() >= LIFT_STEP_M;
-        if changed {
-            self.lifts_m[which] = lift_m;
-        }
-        changed
+        let own = f64::from((piece.own * OWN_STEPS).round() / OWN_STEPS);
+        let lift_m = (standing.lift_m(object, own, self.finest[which]) / LIFT_STEP_M).round() * LIFT_STEP_M;
+        std::mem::replace(&mut self.lifts_m[which], lift_m as f32) != lift_m as f32
     }
 }
 
@@ -141,14 +138,13 @@ impl Standing {
         Some(Self { terrain: terrain.cell, parent_m: height_m(0.0)?, own_m: height_m(1.0)? })
     }
 
-    fn lift_m(&self, object: &Object, own: f64, finest_level: u8) -> f32 {
+    fn lift_m(&self, object: &Object, own: f64, finest_level: u8) -> f64 {
         let base_m = f64::from(object.base_m);
-        let lift_m = if self.terrain.level() >= finest_level {
+        if self.terrain.level() >= finest_level {
             (1.0 - own) * (self.parent_m - base_m).max(0.0)
         } else {
             (self.parent_m + (self.own_m - self.parent_m) * own - base_m).max(0.0)
-        };
-        lift_m as f32
+        }
     }
 }
 

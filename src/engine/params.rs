@@ -9,7 +9,7 @@ use crate::units::ByteSize;
 /// How frames and reads keep step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Mode {
-    /// What a frame starts to read is there in the next one; no threads, no clock: deterministic.
+    /// A frame reads what it may start and draws it; no threads, no clock: deterministic.
     LockStep,
     /// Each frame reads until nothing is left to load.
     Settled,
