@@ -59,10 +59,17 @@ impl Pictures {
         for section in &recipe.imagery {
             let files = resolve(root, &section.file, &EXTENSIONS)?;
             let total = files.len() as u64;
+            let mut set = Vec::new();
             for (index, file) in files.iter().enumerate() {
-                sources.push(open_one(section, file, &mut room)?);
+                if file.has_extension(&["pbf"]) {
+                    sources.push(paint(section, file)?);
+                } else {
+                    set.push(GeoPicture::open(section, file, &mut |cols, rows| room.take(file, cols, rows))?);
+                }
                 progress(Progress { stage: "read imagery", item: &section.file, done: index as u64 + 1, total });
             }
+            GeoPicture::join(&mut set);
+            sources.extend(set.into_iter().map(|picture| Box::new(picture) as Box<dyn PictureSource>));
         }
         Ok(Self::from_sources(sources))
     }
@@ -145,15 +152,8 @@ impl Room {
     }
 }
 
-fn open_one(
-    section: &ImagerySection,
-    file: &SourceFile,
-    room: &mut Room,
-) -> Result<Box<dyn PictureSource>, PrepareError> {
-    if file.has_extension(&["pbf"]) {
-        return Err(PrepareError::unsupported(file, "its kind", "painting from OSM", "leave it out"));
-    }
-    Ok(Box::new(GeoPicture::open(section, file, &mut |cols, rows| room.take(file, cols, rows))?))
+fn paint(_section: &ImagerySection, file: &SourceFile) -> Result<Box<dyn PictureSource>, PrepareError> {
+    Err(PrepareError::unsupported(file, "its kind", "painting from OSM", "leave it out"))
 }
 
 #[cfg(test)]
