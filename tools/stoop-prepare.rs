@@ -1,1 +1,232 @@
-fn main() {}
+//! `stoop-prepare`: source files → world.
+
+use anyhow::Context;
+use clap::Parser;
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use std::collections::HashMap;
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Arc, Mutex};
+use std::time::{Duration, Instant};
+use stoop::prepare::pipeline::{self, BuildOptions, Control, StageDone};
+use stoop::prepare::{Progress, Recipe};
+use stoop::store::{LayerInfo, Manifest};
+use stoop::units::ByteSize;
+
+const EXAMPLES: &str = "\
+Examples:
+  stoop-prepare tiles/dive.toml --out dive.world
+  stoop-prepare tiles/dive.toml --out dive.world --root /data/dive --memory 2GiB --jobs 8
+  stoop-prepare tiles/dive.toml --out dive.world --json | jq .
+
+A stopped build (Ctrl-C, a full disk) keeps its finished stages in DIR.partial;
+the same command goes on from there. Exit status: 0 done, 1 failed, 130 stopped.";
+
+/// Prepares a world from elevation models, imagery and building files, as a recipe says.
+#[derive(Parser)]
+#[command(version, after_help = EXAMPLES)]
+struct Args {
+    /// What the world is made of (TOML)
+    recipe: PathBuf,
+    /// Folder of the world to be written
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+    /// Add to this world instead of making a new one (not supported yet)
+    #[arg(long, value_name = "WORLD")]
+    into: Option<PathBuf>,
+    /// Folder that the recipe's paths are relative to [default: the recipe's own]
+    #[arg(long, value_name = "DIR")]
+    root: Option<PathBuf>,
+    /// Worker threads [default: one for each processor]
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u16).range(1..=1024))]
+    jobs: Option<u16>,
+    /// Memory for decoded sources, in bytes or with KiB, MiB, GiB
+    #[arg(long, value_name = "SIZE", default_value = "512MiB")]
+    memory: ByteSize,
+    /// Replace a world that is already in DIR, once the new one is whole
+    #[arg(long)]
+    replace: bool,
+    /// Print one JSON object a line for each event instead of progress bars
+    #[arg(long)]
+    json: bool,
+}
+
+fn main() -> std::process::ExitCode {
+    let args = Args::parse();
+    let json = args.json;
+    match run(&args) {
+        Ok(()) => std::process::ExitCode::SUCCESS,
+        Err(error) => {
+            let stopped = error
+                .downcast_ref::<pipeline::BuildError>()
+                .is_some_and(|e| matches!(e, pipeline::BuildError::Stopped(_)));
+            if json {
+                println!(
+                    "{}",
+                    serde_json::json!({ "event": "error", "stopped": stopped, "message": format!("{error:#}") })
+                );
+            }
+            eprintln!("stoop-prepare: {error:#}");
+            std::process::ExitCode::from(if stopped { 130 } else { 1 })
+        }
+    }
+}
+
+fn run(args: &Args) -> anyhow::Result<()> {
+    if args.into.is_some() {
+        anyhow::bail!("--into is not supported yet by this version; prepare all sources into one world with --out");
+    }
+    if let Some(jobs) = args.jobs {
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(jobs));
+        pool.build_global().context("the worker threads cannot be started; ask for fewer with --jobs")?;
+    }
+    let recipe = Recipe::read(&args.recipe)?;
+    let stop = Arc::new(AtomicBool::new(false));
+    let on_signal = Arc::clone(&stop);
+    // The second Ctrl-C does not wait: stage files are renamed when whole, so nothing can be left half-written.
+    let handler = move || {
+        if on_signal.swap(true, Ordering::Relaxed) {
+            std::process::exit(130);
+        }
+    };
+    ctrlc::set_handler(handler).context("Ctrl-C cannot be caught")?;
+    let started = Instant::now();
+    let options =
+        BuildOptions { out: args.out.clone(), root: args.root.clone(), memory: args.memory, replace: args.replace };
+    let shown = Shown::new(args.json);
+    let control = Control {
+        stop: &stop,
+        on_progress: &|progress| shown.progress(&progress),
+        on_done: &|done| shown.done(done),
+        on_note: &|note| shown.note(note),
+    };
+    let manifest = pipeline::build(&recipe, &options, &control)?;
+    shown.finish(&manifest, started.elapsed());
+    Ok(())
+}
+
+/// Progress bars, or JSON lines.
+struct Shown {
+    json: bool,
+    bars: MultiProgress,
+    by_stage: Mutex<HashMap<&'static str, ProgressBar>>,
+}
+
+impl Shown {
+    fn new(json: bool) -> Self {
+        Self { json, bars: MultiProgress::new(), by_stage: Mutex::default() }
+    }
+
+    fn progress(&self, progress: &Progress<'_>) {
+        if self.json {
+            return;
+        }
+        let Ok(mut bars) = self.by_stage.lock() else { return };
+        let bar = bars.entry(progress.stage).or_insert_with(|| self.bars.add(new_bar(progress.stage)));
+        bar.set_length(progress.total.max(progress.done));
+        bar.set_position(progress.done);
+        bar.set_message(progress.item.to_owned());
+    }
+
+    fn done(&self, done: &StageDone) {
+        if let Ok(mut bars) = self.by_stage.lock() {
+            bars.drain().for_each(|(_, bar)| bar.finish_and_clear());
+        }
+        if self.json {
+            let mut line = serde_json::json!(done);
+            line["event"] = "stage".into();
+            println!("{line}");
+            return;
+        }
+        let how = if done.resumed { " (taken over)" } else { "" };
+        self.line(&format!(
+            "{:6} {:40} {:>10} {:>12} {:8.2} s{how}",
+            done.stage,
+            done.item,
+            done.count,
+            ByteSize(done.bytes).to_string(),
+            done.seconds
+        ));
+    }
+
+    fn note(&self, note: &str) {
+        if self.json {
+            println!("{}", serde_json::json!({ "event": "note", "message": note }));
+        } else {
+            self.line(&format!("note: {note}"));
+        }
+    }
+
+    fn line(&self, text: &str) {
+        self.bars.suspend(|| println!("{text}"));
+    }
+
+    fn finish(&self, manifest: &Manifest, took: Duration) {
+        let seconds = took.as_secs_f64();
+        if self.json {
+            println!("{}", serde_json::json!({ "event": "world", "seconds": seconds, "manifest": manifest }));
+            return;
+        }
+        print_sources(manifest);
+        print_layer("terrain", manifest.terrain.as_ref());
+        print_layer("imagery", manifest.imagery.as_ref());
+        manifest.collections.iter().for_each(print_collection);
+        println!("packs {}, indexes {}, {seconds:.1} s", ByteSize(manifest.pack_bytes), ByteSize(manifest.index_bytes));
+    }
+}
+
+fn new_bar(stage: &'static str) -> ProgressBar {
+    let bar = ProgressBar::new(0).with_prefix(stage);
+    // The template is fixed; were it wrong, a plain bar would do.
+    if let Ok(style) = ProgressStyle::with_template("{prefix:16} {bar:30} {pos}/{len} {msg} {eta}") {
+        bar.set_style(style);
+    }
+    bar
+}
+
+fn print_sources(manifest: &Manifest) {
+    println!("sources:");
+    for source in &manifest.sources {
+        let spacing = if source.spacing_m > 0.0 { format!(", {:.1} m", source.spacing_m) } else { String::new() };
+        println!(
+            "  {:10} {} ({} samples or features{spacing}) {}",
+            source.kind, source.file, source.count, source.credit
+        );
+    }
+}
+
+fn print_layer(name: &str, layer: Option<&LayerInfo>) {
+    let Some(layer) = layer else { return };
+    println!(
+        "{name}: {} pages, {}",
+        layer.pages_by_level.iter().sum::<u64>(),
+        ByteSize(layer.bytes_by_level.iter().sum())
+    );
+    for (level, (pages, bytes)) in layer.pages_by_level.iter().zip(&layer.bytes_by_level).enumerate() {
+        println!("  level {level:2}: {pages:8} pages {:>12}", ByteSize(*bytes).to_string());
+    }
+}
+
+fn print_collection(collection: &stoop::store::CollectionInfo) {
+    println!(
+        "{}: {} objects in {} pages, {}; changeover level {} (one-size rule: {}), {} large objects above it",
+        collection.name,
+        collection.objects,
+        collection.pages,
+        ByteSize(collection.bytes),
+        collection.changeover_level,
+        collection.vgis_level,
+        collection.large_objects
+    );
+    for point in &collection.cost_curve {
+        println!(
+            "  level {:2}: cost {:10.2} = cells {:.2} + objects {:.2} + large {:.2} + pages {:.2}",
+            point.level, point.cost, point.cells, point.objects, point.large_objects, point.pages
+        );
+    }
+    for (what, counts) in [("set aside", &collection.set_aside), ("repaired", &collection.repaired)] {
+        for (reason, count) in counts {
+            println!("  {what}: {count} {reason}");
+        }
+    }
+}

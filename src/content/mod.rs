@@ -1,13 +1,18 @@
 //! Decoded pages: terrain surfaces, imagery, objects. No files, no GPU.
 
+mod cut;
 mod imagery;
 mod objects;
+mod prism;
 pub mod rtin;
+mod surface;
 mod terrain;
 
 pub use imagery::{IMAGERY_GUTTER_PX, IMAGERY_PX, IMAGERY_STORED_PX, ImageryPage};
-pub use objects::{CellObjects, Object, ObjectMesh, ObjectPage, ObjectVertex, Prism};
-pub use terrain::{TerrainMesh, TerrainPage, TerrainPost, TerrainVertex};
+pub use objects::{CellObjects, Object, ObjectMesh, ObjectPage, ObjectVertex};
+pub use prism::{Footprint, Prism};
+pub use surface::Surface;
+pub use terrain::{TerrainMesh, TerrainPage, TerrainPost, TerrainVertex, border_posts};
 
 use crate::forest::CellId;
 use std::sync::Arc;

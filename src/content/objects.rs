@@ -1,30 +1,10 @@
 //! Objects of one collection in a subtree of small cells: prisms over footprints, with walls and flat roofs.
 
+use super::prism::Prism;
 use crate::forest::CellId;
 use crate::geodesy::{Ecef, Point};
 use bytemuck::{Pod, Zeroable};
 use std::ops::Range;
-
-/// One object as stored: a footprint drawn up from its base.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Prism {
-    /// Ordinal in the collection.
-    pub id: u32,
-    /// The cell that it lives in.
-    pub cell: CellId,
-    /// Longitude and latitude, radians: the outer ring counter-clockwise, then holes clockwise; not closed.
-    pub rings: Vec<Vec<[f64; 2]>>,
-    /// Triangles of the roof as indices into the rings laid end to end, counter-clockwise from above.
-    pub roof: Vec<[u16; 3]>,
-    /// Lower and upper edge of the visible walls above the ellipsoid, metres.
-    pub base_m: f32,
-    pub top_m: f32,
-    /// How far the walls go on below the base, metres; 0 for parts that hang in the air.
-    pub foundation_m: f32,
-    /// sRGB of walls and of the roof.
-    pub wall_color: [u8; 3],
-    pub roof_color: [u8; 3],
-}
 
 /// What is known of a drawn object.
 #[derive(Clone, Debug, PartialEq)]
@@ -101,15 +81,27 @@ pub struct CellObjects {
 }
 
 impl ObjectPage {
-    /// Draws prisms up into a page and its mesh; prisms are put in order of their cells.
+    /// Objects in a page; more have no number for the GPU.
+    pub const OBJECTS_MAX: usize = 1 << 16;
+
+    /// Draws prisms up into a page and its mesh; prisms are put in order of their cells (those of one cell stay in the
+    /// order given). Those beyond [`ObjectPage::OBJECTS_MAX`] are left out, and so are roof triangles without vertices.
     pub fn from_prisms(
-        _root: CellId,
-        _collection: u8,
-        _rep: u8,
-        _error_m: f32,
-        _prisms: Vec<Prism>,
+        root: CellId,
+        collection: u8,
+        rep: u8,
+        error_m: f32,
+        mut prisms: Vec<Prism>,
     ) -> (Self, ObjectMesh) {
-        todo!()
+        prisms.sort_by_key(|prism| prism.cell);
+        prisms.truncate(Self::OBJECTS_MAX);
+        let base_m = prisms.iter().map(|prism| f64::from(prism.base_m)).sum::<f64>() / prisms.len().max(1) as f64;
+        let origin = root.bounds().center().at_height(base_m).to_ecef();
+        let mut mesh = ObjectMesh::default();
+        let objects: Vec<Object> =
+            prisms.iter().enumerate().map(|(at, prism)| prism.draw(origin, at as u16, &mut mesh)).collect();
+        let cells = directory(&objects, &prisms);
+        (Self { root, collection, rep, error_m, origin, objects, cells }, mesh)
     }
 
     pub fn byte_len(&self) -> usize {
@@ -125,4 +117,27 @@ impl ObjectPage {
             _ => 0..0,
         }
     }
+}
+
+/// Runs of objects of one cell.
+fn directory(objects: &[Object], prisms: &[Prism]) -> Vec<CellObjects> {
+    let mut start = 0;
+    objects
+        .chunk_by(|a, b| a.cell == b.cell)
+        .map(|run| {
+            let range = start..start + run.len();
+            start = range.end;
+            let low_m = |prism: &Prism| prism.base_m - prism.foundation_m;
+            CellObjects {
+                cell: run[0].cell,
+                height_range_m: prisms[range.clone()]
+                    .iter()
+                    .fold((f32::INFINITY, f32::NEG_INFINITY), |(low, high), prism| {
+                        (low.min(low_m(prism)), high.max(prism.top_m))
+                    }),
+                objects: range.start as u32..range.end as u32,
+                dimension_m: run.iter().map(|object| object.dimension_m).fold(0.0, f32::max),
+            }
+        })
+        .collect()
 }

@@ -2,9 +2,9 @@
 
 mod georeferenced;
 
+use super::paint::OsmPainter;
 use super::placement::overlap;
 use super::raster::picture::{to_linear, to_srgb};
-use super::recipe::ImagerySection;
 use super::source::{SourceFile, resolve};
 use super::{OnProgress, PrepareError, Progress, Recipe};
 use crate::geodesy::GeoBounds;
@@ -62,7 +62,7 @@ impl Pictures {
             let mut set = Vec::new();
             for (index, file) in files.iter().enumerate() {
                 if file.has_extension(&["pbf"]) {
-                    sources.push(paint(section, file)?);
+                    sources.push(Box::new(OsmPainter::open(section, file)?));
                 } else {
                     set.push(GeoPicture::open(section, file, &mut |cols, rows| room.take(file, cols, rows))?);
                 }
@@ -150,10 +150,6 @@ impl Room {
         })?;
         Ok(())
     }
-}
-
-fn paint(_section: &ImagerySection, file: &SourceFile) -> Result<Box<dyn PictureSource>, PrepareError> {
-    Err(PrepareError::unsupported(file, "its kind", "painting from OSM", "leave it out"))
 }
 
 #[cfg(test)]

@@ -1,14 +1,28 @@
 //! Source files → world. The only user of PROJ and of the readers of raster and vector formats; run-time code never
 //! sees what is in here. Behind the feature `prepare`.
 
+pub mod against;
+pub mod assemble;
+pub mod buildings;
+pub mod collections;
 pub mod crs;
 pub mod elevation;
 pub mod error;
+pub mod expression;
+pub mod imagery;
 pub mod imagery_source;
+pub mod paint;
+pub mod pipeline;
 pub mod placement;
 pub mod raster;
 pub mod recipe;
+mod recipe_hash;
 pub mod source;
+pub mod stage;
+pub mod task;
+pub mod terrain;
+pub mod vector;
+pub mod zone;
 
 pub use elevation::Elevation;
 pub use error::PrepareError;

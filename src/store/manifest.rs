@@ -1,6 +1,9 @@
-//! `world.json`.
+//! `world.json`: its first line carries what the file is and the xxh3 of all that follows.
 
+use super::StoreError;
 use serde::{Deserialize, Serialize};
+use std::path::Path;
+use xxhash_rust::xxh3::xxh3_64;
 
 /// A world's description; unknown keys are kept out, missing ones refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
@@ -22,6 +25,54 @@ pub struct Manifest {
     pub zones: Vec<u8>,
     pub index_bytes: u64,
     pub pack_bytes: u64,
+}
+
+const FIRST_LINE: [&str; 2] = ["{ \"format\": \"stoop world\", \"checksum\": \"", "\",\n"];
+const CHECKSUM_DIGITS: usize = 16;
+
+impl Manifest {
+    pub const VERSION: u32 = 1;
+    pub const DATUM: &str = "WGS84 ellipsoidal";
+
+    /// The file's bytes.
+    pub fn to_bytes(&self) -> Vec<u8> {
+        // A structure of strings, numbers and lists has a JSON text.
+        let text = serde_json::to_string_pretty(self).unwrap_or_default();
+        let rest = text.strip_prefix("{\n").unwrap_or(&text);
+        let [before, after] = FIRST_LINE;
+        format!("{before}{:016x}{after}{rest}\n", xxh3_64(format!("{rest}\n").as_bytes())).into_bytes()
+    }
+
+    /// Reads a file's bytes; `file` is for messages.
+    pub fn parse(bytes: &[u8], file: &Path) -> Result<Self, StoreError> {
+        let fail = |cause: &str| StoreError::Manifest { file: file.to_owned(), cause: cause.to_owned() };
+        let broken = |error: serde_json::Error| StoreError::Manifest {
+            file: file.to_owned(),
+            cause: format!("it cannot be read as a manifest: {error}"),
+        };
+        let value: serde_json::Value = serde_json::from_slice(bytes).map_err(broken)?;
+        let version =
+            value.get("version").and_then(serde_json::Value::as_u64).ok_or_else(|| fail("it has no version"))?;
+        // The checksum's place may move in another version.
+        if version > u64::from(Self::VERSION) {
+            let found = u32::try_from(version).unwrap_or(u32::MAX);
+            return Err(StoreError::FutureVersion { file: file.to_owned(), found, supported: Self::VERSION });
+        }
+        if !is_whole(bytes) {
+            return Err(fail("its checksum is wrong: it was changed after it was written"));
+        }
+        serde_json::from_value(value).map_err(broken)
+    }
+}
+
+/// Whether the checksum in the first line is that of what follows.
+fn is_whole(bytes: &[u8]) -> bool {
+    let [before, after] = FIRST_LINE;
+    let parts = bytes.strip_prefix(before.as_bytes()).and_then(|tail| tail.split_at_checked(CHECKSUM_DIGITS));
+    let Some((digits, Some(rest))) = parts.map(|(digits, tail)| (digits, tail.strip_prefix(after.as_bytes()))) else {
+        return false;
+    };
+    digits == format!("{:016x}", xxh3_64(rest)).as_bytes()
 }
 
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]

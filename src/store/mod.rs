@@ -1,5 +1,57 @@
 //! The world format: manifest, index files, packs, codecs; local directories and memory.
+//!
+//! ```text
+//! world.json     the manifest
+//! index/ZZ.idx   the index tree of zone ZZ, 00 to 31
+//! packs/ZZ.pack  its pages
+//! ```
+//! All words are little-endian; every section and page carries magic, version and an xxh3 checksum.
 
+mod bytes;
+mod error;
+mod frame;
+mod imagery;
+mod index;
 mod manifest;
+mod map;
+mod objects;
+mod pack;
+mod terrain;
+mod verify;
+mod world;
+mod writer;
 
+pub use error::{EncodeError, PageFault, StoreError};
+pub use imagery::{JPEG_QUALITY, decode_imagery, encode_imagery};
 pub use manifest::{CollectionInfo, CostPoint, LayerInfo, Manifest, SourceInfo};
+pub use objects::{
+    FOOTPRINT_UNIT_MAX_M, OBJECT_HEIGHT_UNIT_M, PrismPage, decode_attributes, decode_objects, decode_prisms,
+    encode_objects,
+};
+pub use pack::PageSource;
+pub use terrain::{HEIGHT_STEP_MIN_M, decode_terrain, encode_terrain, height_step_m};
+pub use verify::{Problem, Verified};
+pub use world::{MANIFEST_FILE, World};
+pub use writer::{Existing, MemoryWriter, WorldWriter};
+
+use crate::content::{Page, PageId, PageKind};
+use std::sync::Arc;
+
+/// Decodes a page of any kind and checks that it is the one asked for.
+pub fn decode_page(id: PageId, bytes: &[u8]) -> Result<Page, PageFault> {
+    let framed = frame::open(bytes)?;
+    if framed.id != id {
+        return Err(PageFault::WrongPage);
+    }
+    Ok(match id.kind {
+        PageKind::Terrain => Page::Terrain(Arc::new(terrain::decode_framed(&framed)?)),
+        PageKind::Imagery => Page::Imagery(Arc::new(imagery::decode_framed(&framed)?)),
+        PageKind::Objects { .. } => {
+            let (page, mesh) = decode_objects(bytes)?;
+            Page::Objects(Arc::new(page), Arc::new(mesh))
+        }
+    })
+}
+
+#[cfg(test)]
+mod codec_tests;

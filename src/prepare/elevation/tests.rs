@@ -301,7 +301,8 @@ fn write_netcdf(path: &Path) {
     assert!(file.len() <= begin as usize);
     file.resize(begin as usize, 0);
     file.extend((0..19).flat_map(|i| (i as f32 * 10.0 - 90.0).to_be_bytes()));
-    file.extend((0..36).flat_map(|i| (i as f32 * 10.0).to_be_bytes()));
+    // As ETOPO5 has them: the last one rounded, the others spread evenly.
+    file.extend((0..36).flat_map(|i| (i as f32 * 350.3 / 35.0).to_be_bytes()));
     file.extend((0..19 * 36).flat_map(|i| (if i == 100 { -999 } else { i as i16 }).to_be_bytes()));
     std::fs::write(path, file).expect("written");
 }

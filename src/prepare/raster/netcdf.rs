@@ -122,6 +122,9 @@ fn sample_kind(kind: Kind) -> SampleKind {
     }
 }
 
+/// Coordinates may be off by this part of a step, by rounding.
+const EVEN: f64 = 0.05;
+
 /// First coordinate, step and count of a dimension's axis, which must be even.
 fn axis(
     file: &SourceFile,
@@ -144,12 +147,13 @@ fn axis(
         bytes.chunks_exact(variable.kind.bytes() as usize).map(|b| variable.kind.sample(b)).collect();
     let (first, last) = (values[0], values[values.len() - 1]);
     let mut step = (last - first) / (count - 1) as f64;
-    // Single-precision coordinates are off by a little: where a whole number of steps goes round, it is meant.
+    // Rounded coordinates (ETOPO5 ends at 359.92) are off by a little: where the count of steps goes round, it is meant.
     let round = (360.0 / step.abs()).round();
-    if (round * step.abs() - 360.0).abs() < 1e-3 {
+    if (count as f64 == round || count as f64 == round + 1.0) && (round * step.abs() - 360.0).abs() < step.abs() * EVEN
+    {
         step = 360.0 / round * step.signum();
     }
-    let even = |(i, v): (usize, &f64)| (first + i as f64 * step - v).abs() <= step.abs() * 0.01;
+    let even = |(i, v): (usize, &f64)| (first + i as f64 * step - v).abs() <= step.abs() * EVEN;
     if step == 0.0 || !step.is_finite() || !values.iter().enumerate().all(even) {
         let what = format!("coordinates that are not even (a step of {step} was expected)");
         return Err(PrepareError::unsupported(file, place, what, "resample it with gdalwarp"));

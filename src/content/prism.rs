@@ -1,0 +1,157 @@
+//! Prisms over footprints, and how they are drawn: walls along the ellipsoid's normals, and flat roofs.
+
+use super::objects::{Object, ObjectMesh, ObjectVertex};
+use crate::forest::CellId;
+use crate::geodesy::{Ecef, Geodetic, Point};
+use glam::{DVec2, DVec3};
+
+/// One object as stored: a footprint drawn up from its base.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Prism {
+    /// Ordinal in the collection.
+    pub id: u32,
+    /// The cell that it lives in.
+    pub cell: CellId,
+    /// Longitude and latitude, radians: the outer ring counter-clockwise, then holes clockwise; not closed.
+    pub rings: Vec<Vec<[f64; 2]>>,
+    /// Triangles of the roof as indices into the rings laid end to end, counter-clockwise from above.
+    pub roof: Vec<[u16; 3]>,
+    /// Lower and upper edge of the visible walls above the ellipsoid, metres.
+    pub base_m: f32,
+    pub top_m: f32,
+    /// How far the walls go on below the base, metres; 0 for parts that hang in the air.
+    pub foundation_m: f32,
+    /// sRGB of walls and of the roof.
+    pub wall_color: [u8; 3],
+    pub roof_color: [u8; 3],
+}
+
+const WALL: u8 = 0;
+const ROOF: u8 = 1;
+
+/// A prism's horizontal box in the east-north-up frame of its centre.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Footprint {
+    /// Middle of the box, radians.
+    pub lat_rad: f64,
+    pub lon_rad: f64,
+    /// Sides east and north, metres.
+    pub sides_m: [f64; 2],
+}
+
+impl Prism {
+    /// The box of the footprint; where there is no vertex, a point at (0, 0).
+    pub fn footprint(&self) -> Footprint {
+        let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
+        for &[lon_rad, lat_rad] in self.rings.iter().flatten() {
+            low = low.min(DVec2::new(lon_rad, lat_rad));
+            high = high.max(DVec2::new(lon_rad, lat_rad));
+        }
+        if low.x > high.x {
+            return Footprint { lat_rad: 0.0, lon_rad: 0.0, sides_m: [0.0; 2] };
+        }
+        let rough = Geodetic { lat_rad: (low.y + high.y) / 2.0, lon_rad: (low.x + high.x) / 2.0, height_m: 0.0 };
+        let rough = rough.at_height(f64::from(self.base_m));
+        let enu_from_ecef = rough.ecef_from_enu().inverse();
+        let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
+        for &[lon_rad, lat_rad] in self.rings.iter().flatten() {
+            let corner = enu_from_ecef * Geodetic { lat_rad, lon_rad, ..rough }.to_ecef();
+            low = low.min(corner.xyz());
+            high = high.max(corner.xyz());
+        }
+        Footprint { lat_rad: rough.lat_rad, lon_rad: rough.lon_rad, sides_m: [high.x - low.x, high.y - low.y] }
+    }
+
+    /// Largest horizontal side of the box, metres.
+    pub fn reach_m(&self) -> f64 {
+        let [east_m, north_m] = self.footprint().sides_m;
+        east_m.max(north_m)
+    }
+
+    /// Largest side of the box, height included (the foundation is not seen), metres.
+    pub fn dimension_m(&self) -> f64 {
+        self.reach_m().max(f64::from(self.top_m) - f64::from(self.base_m))
+    }
+
+    /// Appends the prism's triangles to a mesh, counter-clockwise from outside.
+    pub(super) fn draw(&self, origin: Point<Ecef>, object: u16, mesh: &mut ObjectMesh) -> Object {
+        let start = mesh.indices.len() as u32;
+        let mut pen = Pen { origin: origin.xyz(), object, mesh };
+        let foot_m = f64::from(self.base_m) - f64::from(self.foundation_m);
+        let top_m = f64::from(self.top_m);
+        for ring in &self.rings {
+            pen.walls(ring, foot_m, top_m);
+        }
+        pen.roof(&self.rings, &self.roof, top_m);
+        let footprint = self.footprint();
+        let [east_m, north_m] = footprint.sides_m;
+        let reach_m = east_m.max(north_m) as f32;
+        let place =
+            Geodetic { lat_rad: footprint.lat_rad, lon_rad: footprint.lon_rad, height_m: f64::from(self.base_m) };
+        Object {
+            id: self.id,
+            cell: self.cell,
+            place: place.to_ecef(),
+            lat_rad: place.lat_rad,
+            lon_rad: place.lon_rad,
+            base_m: self.base_m,
+            top_m: self.top_m,
+            dimension_m: reach_m.max(self.top_m - self.base_m),
+            reach_m,
+            wall_color: self.wall_color,
+            roof_color: self.roof_color,
+            indices: start..mesh.indices.len() as u32,
+        }
+    }
+}
+
+/// Draws into a mesh for one object.
+struct Pen<'a> {
+    origin: DVec3,
+    object: u16,
+    mesh: &'a mut ObjectMesh,
+}
+
+impl Pen<'_> {
+    fn vertex(&mut self, [lon_rad, lat_rad]: [f64; 2], height_m: f64, azimuth: u8, surface: u8) -> u32 {
+        let position = Geodetic { lat_rad, lon_rad, height_m }.to_ecef().xyz() - self.origin;
+        let position_m = position.as_vec3().to_array();
+        self.mesh.vertices.push(ObjectVertex { position_m, object: self.object, azimuth, surface });
+        self.mesh.vertices.len() as u32 - 1
+    }
+
+    /// The outer ring runs counter-clockwise and holes clockwise, so the outside is always on the right.
+    fn walls(&mut self, ring: &[[f64; 2]], foot_m: f64, top_m: f64) {
+        for (at, &from) in ring.iter().enumerate() {
+            let to = ring[(at + 1) % ring.len()];
+            if from == to {
+                continue;
+            }
+            let azimuth = outward(from, to);
+            let [a, b] = [from, to].map(|corner| self.vertex(corner, foot_m, azimuth, WALL));
+            let [c, d] = [to, from].map(|corner| self.vertex(corner, top_m, azimuth, WALL));
+            self.mesh.indices.extend([a, b, c, a, c, d]);
+        }
+    }
+
+    fn roof(&mut self, rings: &[Vec<[f64; 2]>], triangles: &[[u16; 3]], top_m: f64) {
+        let first = self.mesh.vertices.len() as u32;
+        let count = rings.iter().map(Vec::len).sum::<usize>();
+        if triangles.is_empty() {
+            return;
+        }
+        for &corner in rings.iter().flatten() {
+            self.vertex(corner, top_m, 0, ROOF);
+        }
+        let whole = triangles.iter().filter(|triangle| triangle.iter().all(|&corner| usize::from(corner) < count));
+        self.mesh.indices.extend(whole.flatten().map(|&corner| first + u32::from(corner)));
+    }
+}
+
+/// Direction to the right of an edge, 0 east, 64 north, in 256ths of a turn.
+fn outward(from: [f64; 2], to: [f64; 2]) -> u8 {
+    let east = (to[0] - from[0]) * ((from[1] + to[1]) / 2.0).cos();
+    let north = to[1] - from[1];
+    let turns = (-east).atan2(north) / std::f64::consts::TAU;
+    (turns.rem_euclid(1.0) * 256.0).round() as u32 as u8
+}

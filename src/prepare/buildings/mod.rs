@@ -1,0 +1,339 @@
+//! Footprints → pages of objects: read → clean, size and place (in parallel) → choose the changeover level → pack →
+//! encode (in parallel).
+
+mod changeover;
+mod clean;
+mod color;
+mod pack;
+mod place;
+mod rules;
+
+pub use changeover::{Changeover, Item, choose, deepest_level};
+pub use clean::{AREA_MIN_M2, Footprint, TOLERANCE_M, clean};
+pub use pack::{PAGE_BYTES_MAX, PagePlan, plan};
+pub use place::Ground;
+pub use rules::{Extent, HEIGHT_MAX_M, Rules, STOREY_M, storeys_by_area};
+
+use super::recipe::BuildingsSection;
+use super::source::{SourceFile, resolve};
+use super::vector::{EXTENSIONS, Feature, OsmBuildingCounts, read_footprints};
+use super::{OnProgress, PrepareError, Progress};
+use crate::content::Prism;
+use crate::forest::{CellId, LEVEL_MAX};
+use crate::geodesy::VerticalDatum;
+use crate::store::{CollectionInfo, PrismPage, SourceInfo, encode_objects};
+use rayon::prelude::*;
+use std::collections::{BTreeMap, BTreeSet};
+use std::path::Path;
+
+/// Features that are worked on as one task.
+const BATCH: usize = 1024;
+/// Batches that may wait between the reader and the workers.
+const BATCHES_WAITING: usize = 4;
+/// Bounds the distance between what pages hold and the cleaned source: points dropped and positions quantized.
+pub const ERROR_M: f32 = 0.02;
+
+/// A collection, ready to be written.
+#[derive(Clone, Debug)]
+pub struct PreparedCollection {
+    pub info: CollectionInfo,
+    pub source: SourceInfo,
+    /// Ordered by root.
+    pub pages: Vec<ObjectsPage>,
+    /// What an OpenStreetMap extract held.
+    pub osm: Option<OsmBuildingCounts>,
+}
+
+/// A page of objects as it will be stored.
+#[derive(Clone, Debug)]
+pub struct ObjectsPage {
+    pub root: CellId,
+    pub bytes: Vec<u8>,
+    pub objects: u64,
+    /// Largest bounding dimension, metres.
+    pub dimension_m: f64,
+    /// Largest reach, metres.
+    pub reach_m: f64,
+    /// Lowest and highest drawn height above the ellipsoid, foundations included, metres.
+    pub height_range_m: (f64, f64),
+}
+
+/// One prism of a collection, with what is kept of its feature.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Placed {
+    pub prism: Prism,
+    /// A JSON object.
+    pub attributes: String,
+    pub lat_rad: f64,
+    pub lon_rad: f64,
+    pub reach_m: f64,
+}
+
+/// Prisms of a whole collection, and what happened to its features.
+#[derive(Clone, Debug, Default)]
+pub struct Gathered {
+    pub objects: Vec<Placed>,
+    /// Features with at least one prism.
+    pub features: u64,
+    pub set_aside: BTreeMap<String, u64>,
+    pub repaired: BTreeMap<String, u64>,
+    pub attributes: BTreeSet<String>,
+    pub osm: Option<OsmBuildingCounts>,
+}
+
+/// Prepares the collection of a section. `vertical` is what its bases count from where the section does not say;
+/// `collection` its index in the manifest.
+pub fn prepare_collection(
+    section: &BuildingsSection,
+    root: &Path,
+    vertical: VerticalDatum,
+    ground: &Ground,
+    collection: u8,
+    progress: OnProgress<'_>,
+) -> Result<PreparedCollection, PrepareError> {
+    let mut gathered = gather(section, root, vertical, ground, progress)?;
+    gathered.objects.par_sort_by_key(|object| (spatial_order(object.lat_rad, object.lon_rad), object.prism.id));
+    let items: Vec<Item> = gathered.objects.par_iter().map(item).collect();
+    let changeover = choose(&items);
+    for (object, item) in gathered.objects.iter_mut().zip(&items) {
+        object.prism.cell = item.home(changeover.level);
+    }
+    let large = items.iter().filter(|item| item.deepest < changeover.level).count() as u64;
+    gathered.objects.par_sort_by_key(|object| (object.prism.cell, object.prism.id));
+    let bounds_deg = bounds_deg(&gathered.objects);
+    let pages = pages(&gathered.objects, collection, &section.name, progress)?;
+    let info = CollectionInfo {
+        name: section.name.clone(),
+        objects: gathered.features,
+        pages: pages.len() as u64,
+        bytes: pages.iter().map(|page| page.bytes.len() as u64).sum(),
+        changeover_level: changeover.level,
+        vgis_level: changeover.vgis_level,
+        cost_curve: changeover.curve,
+        large_objects: large,
+        set_aside: gathered.set_aside,
+        repaired: gathered.repaired,
+        bounds_deg,
+        attributes: gathered.attributes.into_iter().collect(),
+    };
+    let source = SourceInfo {
+        kind: "buildings".into(),
+        file: section.file.clone(),
+        credit: section.credit.clone(),
+        licence: section.licence.clone(),
+        spacing_m: 0.0,
+        count: gathered.features,
+    };
+    Ok(PreparedCollection { info, source, pages, osm: gathered.osm })
+}
+
+/// Reads, cleans, sizes and places all features of a section. Cells are not chosen yet; ids count the features that
+/// are kept, in the order of the files.
+pub fn gather(
+    section: &BuildingsSection,
+    root: &Path,
+    vertical: VerticalDatum,
+    ground: &Ground,
+    progress: OnProgress<'_>,
+) -> Result<Gathered, PrepareError> {
+    let rules = Rules::new(section, section.vertical.unwrap_or(vertical))?;
+    let files = resolve(root, &section.file, &EXTENSIONS)?;
+    let mut gathered = Gathered::default();
+    for file in &files {
+        gather_file(section, file, &rules, ground, &mut gathered, progress)?;
+    }
+    Ok(gathered)
+}
+
+/// The reader runs beside the workers, at most a few batches ahead.
+fn gather_file(
+    section: &BuildingsSection,
+    file: &SourceFile,
+    rules: &Rules,
+    ground: &Ground,
+    gathered: &mut Gathered,
+    progress: OnProgress<'_>,
+) -> Result<(), PrepareError> {
+    let (sender, batches) = crossbeam_channel::bounded::<Vec<Feature>>(BATCHES_WAITING);
+    let name = file.to_string();
+    let summary = std::thread::scope(|scope| {
+        let reader = std::thread::Builder::new().name("read footprints".into()).spawn_scoped(scope, move || {
+            let mut batch = Vec::with_capacity(BATCH);
+            let read = read_footprints(file, section.crs.as_deref(), &mut |feature| {
+                batch.push(feature);
+                if batch.len() == BATCH {
+                    // A worker that went away has an error of its own to tell.
+                    let _ = sender.send(std::mem::replace(&mut batch, Vec::with_capacity(BATCH)));
+                }
+                Ok(())
+            });
+            let _ = sender.send(batch);
+            read
+        });
+        let reader = reader.map_err(|source| PrepareError::read(&file.path, source))?;
+        for batch in batches {
+            let made: Vec<_> = batch.par_iter().map(|feature| make(feature, &name, rules, ground)).collect();
+            for made in made {
+                gathered.add(made?, rules);
+            }
+            progress(Progress { stage: "buildings", item: &section.name, done: gathered.features, total: 0 });
+        }
+        reader.join().unwrap_or_else(|_| Err(PrepareError::damaged(&name, "the whole", "its reader failed")))
+    })?;
+    for (reason, count) in summary.kept_back {
+        *gathered.set_aside.entry(reason).or_default() += count;
+    }
+    gathered.osm = summary.osm.or(gathered.osm);
+    Ok(())
+}
+
+/// What became of one feature.
+struct Made {
+    objects: Vec<Placed>,
+    names: Vec<String>,
+    notes: BTreeSet<clean::Reason>,
+    set_aside: Option<clean::Reason>,
+    own_colors: serde_json::Map<String, serde_json::Value>,
+}
+
+fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result<Made, PrepareError> {
+    let mut notes = BTreeSet::new();
+    let mut made = Made {
+        objects: Vec::new(),
+        names: Vec::new(),
+        notes: BTreeSet::new(),
+        set_aside: None,
+        own_colors: serde_json::Map::new(),
+    };
+    let footprints = match clean(&feature.polygons, &mut notes) {
+        Ok(footprints) => footprints,
+        Err(reason) => {
+            made.set_aside = Some(reason);
+            return Ok(made);
+        }
+    };
+    let area_m2 = footprints.iter().map(|footprint| footprint.area_m2).sum();
+    let extent = rules.extent(&feature.attributes, area_m2, &mut notes).map_err(|wrong| {
+        let place = format!("feature {}", feature.number);
+        PrepareError::value(file, place, wrong, "mend the feature, or name another attribute in the recipe")
+    })?;
+    let whole = feature.ground.as_ref().map(|points| points.as_slice());
+    let ground_m = place::ground_m(&footprints, whole, &extent, rules.vertical, ground);
+    let attributes = rules.kept(feature);
+    made.objects = footprints
+        .into_iter()
+        .map(|footprint| {
+            Placed::new(place::prism(footprint, &extent, ground_m, ground, &mut notes), attributes.clone())
+        })
+        .collect();
+    made.names = feature.attributes.keys().filter(|name| rules.keeps(name)).cloned().collect();
+    made.own_colors = rules.color_attributes(&feature.attributes);
+    made.notes = notes;
+    Ok(made)
+}
+
+impl Gathered {
+    fn add(&mut self, made: Made, rules: &Rules) {
+        if let Some(reason) = made.set_aside {
+            *self.set_aside.entry(reason.to_owned()).or_default() += 1;
+            return;
+        }
+        for note in made.notes {
+            *self.repaired.entry(note.to_owned()).or_default() += 1;
+        }
+        self.attributes.extend(made.names);
+        let id = self.features as u32;
+        self.features += 1;
+        let (wall_color, roof_color) = rules.colors(&made.own_colors, id);
+        self.objects.extend(made.objects.into_iter().map(|mut object| {
+            object.prism = Prism { id, wall_color, roof_color, ..object.prism };
+            object
+        }));
+    }
+}
+
+impl Placed {
+    fn new(prism: Prism, attributes: String) -> Self {
+        let footprint = prism.footprint();
+        let reach_m = footprint.sides_m[0].max(footprint.sides_m[1]);
+        Self { lat_rad: footprint.lat_rad, lon_rad: place::wrap(footprint.lon_rad), reach_m, attributes, prism }
+    }
+}
+
+/// A key that keeps near places near: the finest cell.
+pub fn spatial_order(lat_rad: f64, lon_rad: f64) -> CellId {
+    CellId::containing(lat_rad, lon_rad, LEVEL_MAX)
+}
+
+fn item(object: &Placed) -> Item {
+    Item::new(object.lat_rad, object.lon_rad, object.reach_m, bytes_about(object))
+}
+
+/// Bytes that an object takes in a page, about; pages are planned again by what they really take.
+fn bytes_about(object: &Placed) -> u32 {
+    let corners: usize = object.prism.rings.iter().map(Vec::len).sum();
+    (16 + 4 * corners + object.attributes.len() / 4) as u32
+}
+
+fn bounds_deg(objects: &[Placed]) -> [f64; 4] {
+    let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
+    let bounds = objects
+        .iter()
+        .flat_map(|object| object.prism.rings.iter().flatten())
+        .fold(start, |b, p| [b[0].min(p[0]), b[1].min(p[1]), b[2].max(p[0]), b[3].max(p[1])]);
+    if objects.is_empty() { [0.0; 4] } else { bounds.map(f64::to_degrees) }
+}
+
+/// Packs objects, which must be ordered by cell, into pages and encodes them.
+fn pages(
+    objects: &[Placed],
+    collection: u8,
+    name: &str,
+    progress: OnProgress<'_>,
+) -> Result<Vec<ObjectsPage>, PrepareError> {
+    let cells = objects.chunk_by(|a, b| a.prism.cell == b.prism.cell);
+    let cells: Vec<&[Placed]> = cells.collect();
+    let about = |objects: &[Placed]| objects.iter().map(|object| u64::from(bytes_about(object))).sum::<u64>();
+    let sizes: Vec<_> = cells.iter().map(|objects| (objects[0].prism.cell, about(objects))).collect();
+    let encode = |page: &PagePlan| encode(page, &cells, collection, name);
+    // A few pages show what the estimate is worth; then all are planned by it.
+    let first = plan(&sizes, PAGE_BYTES_MAX);
+    let samples: Vec<&PagePlan> = first.iter().step_by(first.len().div_ceil(8).max(1)).collect();
+    let taken = samples.par_iter().map(|page| encode(page).map(|page| page.bytes.len() as u64));
+    let taken: u64 = taken.collect::<Result<Vec<_>, _>>()?.into_iter().sum();
+    let planned: u64 = samples.iter().map(|page| page.bytes).sum();
+    let scaled: Vec<_> = sizes.iter().map(|&(cell, bytes)| (cell, (bytes * taken).div_ceil(planned.max(1)))).collect();
+    let plans = plan(&scaled, PAGE_BYTES_MAX);
+    let pages: Result<Vec<_>, PrepareError> = plans.par_iter().map(encode).collect();
+    progress(Progress { stage: "pages of buildings", item: name, done: plans.len() as u64, total: plans.len() as u64 });
+    pages
+}
+
+fn encode(plan: &PagePlan, cells: &[&[Placed]], collection: u8, name: &str) -> Result<ObjectsPage, PrepareError> {
+    let objects: Vec<&Placed> = plan.cells.iter().flat_map(|&at| cells[at]).collect();
+    let prisms = objects.iter().map(|object| object.prism.clone()).collect();
+    let page = PrismPage { root: plan.root, collection, rep: 0, error_m: ERROR_M, prisms };
+    let attributes = texts(&objects);
+    let bytes = encode_objects(&page, &attributes).map_err(|error| {
+        PrepareError::value(name, format!("page of cell {}", plan.root), error, "split the collection in two")
+    })?;
+    let largest = |size: &dyn Fn(&Placed) -> f64| objects.iter().map(|object| size(object)).fold(0.0, f64::max);
+    let low = objects.iter().map(|o| f64::from(o.prism.base_m) - f64::from(o.prism.foundation_m));
+    let high = objects.iter().map(|o| f64::from(o.prism.top_m));
+    Ok(ObjectsPage {
+        root: plan.root,
+        bytes,
+        objects: objects.len() as u64,
+        dimension_m: largest(&|object| object.prism.dimension_m()),
+        reach_m: largest(&|object| object.reach_m),
+        height_range_m: (low.fold(f64::INFINITY, f64::min), high.fold(f64::NEG_INFINITY, f64::max)),
+    })
+}
+
+/// A JSON text for each object, or none at all where all are empty.
+fn texts(objects: &[&Placed]) -> Vec<String> {
+    if objects.iter().all(|object| object.attributes == "{}") {
+        return Vec::new();
+    }
+    objects.iter().map(|object| object.attributes.clone()).collect()
+}

@@ -1,0 +1,175 @@
+//! Sound footprints set on the ground.
+//!
+//! A building's ground is its `base` where the source gives one, else the terrain at the middle of its box; parts of
+//! one building share the ground of the whole. The roof stands `height` above the ground. The visible walls begin at
+//! the ground, or at the terrain in the middle of the prism's own box where that is higher, so that nothing is lifted
+//! where the finest terrain is drawn. Below, walls go on down to the lowest terrain along the footprint, less the
+//! terrain's error there, so that no corner floats.
+
+use super::clean::{Footprint, Reason};
+use super::rules::Extent;
+use crate::content::Prism;
+use crate::forest::CellId;
+use crate::geodesy::{GeoBounds, SEMI_MAJOR_M, VerticalDatum};
+use std::collections::BTreeSet;
+use std::f64::consts::PI;
+
+/// The ground that objects stand on; radians, metres above the ellipsoid.
+pub struct Ground<'a> {
+    /// The truth.
+    pub height_m: &'a (dyn Fn(f64, f64) -> f64 + Sync),
+    /// `error_m` of the finest cell at a place.
+    pub error_m: &'a (dyn Fn(f64, f64) -> f64 + Sync),
+}
+
+/// Distance of the places along a wall at which the terrain is asked for, metres.
+const STEP_M: f64 = 10.0;
+/// Places along one wall; longer walls have them farther apart.
+const STEPS_MAX: f64 = 64.0;
+/// Visible walls are never less than this, metres.
+const WALL_MIN_M: f64 = 0.05;
+
+/// Where a building's ground lies above the ellipsoid, metres.
+pub fn ground_m(
+    footprints: &[Footprint],
+    whole: Option<&[[f64; 2]]>,
+    extent: &Extent,
+    vertical: VerticalDatum,
+    ground: &Ground,
+) -> f64 {
+    let all = footprints.iter().flat_map(|footprint| footprint.rings[0].iter().copied());
+    let bounds = match whole {
+        Some(points) => bounds(points.iter().map(|p| p.map(f64::to_radians))),
+        None => bounds(all),
+    };
+    let center = bounds.center();
+    match extent.base_m {
+        Some(base_m) => base_m + vertical.undulation_m(center.lat_rad, center.lon_rad),
+        None => (ground.height_m)(center.lat_rad, center.lon_rad),
+    }
+}
+
+/// The prism over one footprint; its cell is still to be chosen.
+pub fn prism(
+    footprint: Footprint,
+    extent: &Extent,
+    ground_m: f64,
+    ground: &Ground,
+    notes: &mut BTreeSet<Reason>,
+) -> Prism {
+    let center = bounds(footprint.rings[0].iter().copied()).center();
+    let top_m = ground_m + extent.height_m;
+    let (base_m, foundation_m) = if extent.min_height_m > 0.0 {
+        (ground_m + extent.min_height_m, 0.0)
+    } else {
+        let own_m = (ground.height_m)(center.lat_rad, center.lon_rad);
+        if own_m >= top_m {
+            notes.insert("roof below the terrain");
+        }
+        let base_m = ground_m.max(own_m).min(top_m - WALL_MIN_M);
+        let lowest_m = lowest_m(&footprint, ground).min(ground_m);
+        let error_m = (ground.error_m)(center.lat_rad, center.lon_rad);
+        (base_m, (base_m - lowest_m).max(0.0) + error_m)
+    };
+    Prism {
+        id: 0,
+        cell: CellId::containing(center.lat_rad, wrap(center.lon_rad), 0),
+        rings: footprint.rings,
+        roof: footprint.triangles,
+        base_m: base_m as f32,
+        top_m: top_m as f32,
+        foundation_m: foundation_m as f32,
+        wall_color: [0; 3],
+        roof_color: [0; 3],
+    }
+}
+
+/// A longitude within ±π.
+pub fn wrap(lon_rad: f64) -> f64 {
+    (lon_rad + PI).rem_euclid(2.0 * PI) - PI
+}
+
+fn bounds(points: impl Iterator<Item = [f64; 2]>) -> GeoBounds {
+    let empty = GeoBounds {
+        west_rad: f64::INFINITY,
+        south_rad: f64::INFINITY,
+        east_rad: f64::NEG_INFINITY,
+        north_rad: f64::NEG_INFINITY,
+    };
+    points.fold(empty, |b, [lon, lat]| GeoBounds {
+        west_rad: b.west_rad.min(lon),
+        south_rad: b.south_rad.min(lat),
+        east_rad: b.east_rad.max(lon),
+        north_rad: b.north_rad.max(lat),
+    })
+}
+
+/// Lowest terrain along the walls, metres.
+fn lowest_m(footprint: &Footprint, ground: &Ground) -> f64 {
+    let ring = &footprint.rings[0];
+    let mut lowest = f64::INFINITY;
+    for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
+        let (east, north) = ((b[0] - a[0]) * a[1].cos(), b[1] - a[1]);
+        let steps = (east.hypot(north) * SEMI_MAJOR_M / STEP_M).ceil().clamp(1.0, STEPS_MAX);
+        for step in 0..steps as u32 {
+            let t = f64::from(step) / steps;
+            let (lat, lon) = (a[1] + t * (b[1] - a[1]), a[0] + t * (b[0] - a[0]));
+            lowest = lowest.min((ground.height_m)(lat, wrap(lon)));
+        }
+    }
+    lowest
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::prepare::buildings::clean::clean;
+
+    /// A square of 0.0002° about (24.9, 60.2).
+    fn square() -> Vec<Footprint> {
+        let ring =
+            vec![[24.8999, 60.1999], [24.9001, 60.1999], [24.9001, 60.2001], [24.8999, 60.2001], [24.8999, 60.1999]];
+        clean(&[vec![ring]], &mut BTreeSet::new()).unwrap()
+    }
+
+    /// A slope that rises 1 m for 0.0001° to the north, 50 m high at 60.2°.
+    fn slope(lat: f64, _: f64) -> f64 {
+        50.0 + (lat.to_degrees() - 60.2) * 1e4
+    }
+
+    fn placed(extent: Extent) -> Prism {
+        let ground = Ground { height_m: &slope, error_m: &|_, _| 0.3 };
+        let footprints = square();
+        let at = ground_m(&footprints, None, &extent, VerticalDatum::Ellipsoid, &ground);
+        prism(footprints[0].clone(), &extent, at, &ground, &mut BTreeSet::new())
+    }
+
+    #[test]
+    fn the_terrain_carries_a_building_and_no_corner_floats() {
+        let prism = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: None });
+        assert!((prism.base_m - 50.0).abs() < 1e-3 && (prism.top_m - 62.0).abs() < 1e-3);
+        assert!((prism.foundation_m - 1.3).abs() < 1e-2, "{}", prism.foundation_m);
+    }
+
+    #[test]
+    fn a_given_base_holds_the_roof_whatever_the_terrain() {
+        let low = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: Some(45.0) });
+        assert!((low.top_m - 57.0).abs() < 1e-3 && (low.base_m - 50.0).abs() < 1e-3);
+        assert!((low.base_m - low.foundation_m - 44.7).abs() < 1e-2);
+        let high = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: Some(55.0) });
+        assert!((high.top_m - 67.0).abs() < 1e-3 && (high.base_m - 55.0).abs() < 1e-3);
+        assert!(high.base_m - high.foundation_m < 48.8);
+    }
+
+    #[test]
+    fn parts_in_the_air_have_no_foundation() {
+        let prism = placed(Extent { height_m: 12.0, min_height_m: 4.0, base_m: None });
+        assert_eq!((prism.base_m.round(), prism.top_m.round(), prism.foundation_m), (54.0, 62.0, 0.0));
+    }
+
+    #[test]
+    fn longitudes_wrap() {
+        assert!((wrap(PI + 0.1) - (0.1 - PI)).abs() < 1e-12);
+        assert!((wrap(-PI)).abs() <= PI);
+    }
+}

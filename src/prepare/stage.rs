@@ -1,0 +1,220 @@
+//! Results of finished stages, kept beside the world while it is made, so that a second run goes on where the first
+//! one stopped. `DIR.partial` holds the recipe's hash and one file for each zone and collection that is done.
+//!
+//! A stage file: magic, hash of the recipe (u64), records, then a record of length 0 and the xxh3 of all before it.
+//! It is written under a temporary name and renamed, so that a file that is there is whole. A record is a length (u32)
+//! and as many bytes.
+
+use std::fs::File;
+use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::path::{Path, PathBuf};
+use xxhash_rust::xxh3::Xxh3;
+
+const MAGIC: [u8; 8] = *b"stpstg01";
+/// A record is at most this long, bytes.
+const RECORD_MAX: usize = 1 << 26;
+
+/// Reading and writing stage files failed.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {source}; {}", path.display(), remedy(source))]
+pub struct StageError {
+    path: PathBuf,
+    source: io::Error,
+}
+
+fn remedy(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
+            "free some space and run the same command again: finished stages are kept"
+        }
+        io::ErrorKind::InvalidData => "remove it and run the same command again",
+        _ => "check that the folder exists and that you may write there",
+    }
+}
+
+/// The folder of one build.
+#[derive(Clone, Debug)]
+pub struct Stages {
+    folder: PathBuf,
+    hash: u64,
+}
+
+impl Stages {
+    /// Opens `DIR.partial`. What another recipe left there is removed; says whether that was so.
+    pub fn open(out: &Path, hash: u64) -> Result<(Self, bool), StageError> {
+        let mut name = out.file_name().unwrap_or_default().to_owned();
+        name.push(".partial");
+        let stages = Self { folder: out.with_file_name(name), hash };
+        let hash_file = stages.folder.join("recipe.hash");
+        let mark = format!("{hash:016x}\n");
+        let found = std::fs::read_to_string(&hash_file).ok();
+        let is_other = found.as_deref().is_some_and(|found| found != mark);
+        let fail = |source| StageError { path: stages.folder.clone(), source };
+        if is_other {
+            stages.remove()?;
+        } else if found.is_none() && std::fs::read_dir(&stages.folder).is_ok_and(|mut entries| entries.next().is_some())
+        {
+            return Err(fail(invalid("holds files that are not of this program")));
+        }
+        std::fs::create_dir_all(&stages.folder).map_err(fail)?;
+        std::fs::write(&hash_file, mark).map_err(fail)?;
+        Ok((stages, is_other))
+    }
+
+    /// Removes everything.
+    pub fn remove(&self) -> Result<(), StageError> {
+        std::fs::remove_dir_all(&self.folder).map_err(|source| StageError { path: self.folder.clone(), source })
+    }
+
+    fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(format!("{name}.stage"))
+    }
+
+    /// The finished stage of that name; `None` when it is not done.
+    pub fn read(&self, name: &str) -> Result<Option<StageReader>, StageError> {
+        let path = self.path(name);
+        if !path.exists() {
+            return Ok(None);
+        }
+        let fail = |source| StageError { path: path.clone(), source };
+        let file = File::open(&path).map_err(fail)?;
+        let mut reader = StageReader { path: path.clone(), input: BufReader::new(file), sum: Xxh3::new() };
+        let mut head = [0; 16];
+        reader.fill(&mut head)?;
+        if head[..8] != MAGIC || head[8..] != self.hash.to_le_bytes() {
+            return Err(fail(invalid("not a stage of this build")));
+        }
+        Ok(Some(reader))
+    }
+
+    /// Begins a stage; nothing shows before [`StageWriter::finish`].
+    pub fn write(&self, name: &str) -> Result<StageWriter, StageError> {
+        let path = self.path(name);
+        let temporary = path.with_extension("tmp");
+        let file = File::create(&temporary).map_err(|source| StageError { path: temporary.clone(), source })?;
+        let mut writer = StageWriter { path, temporary, output: BufWriter::new(file), sum: Xxh3::new() };
+        writer.put(&MAGIC)?;
+        writer.put(&self.hash.to_le_bytes())?;
+        Ok(writer)
+    }
+}
+
+fn invalid(what: &str) -> io::Error {
+    io::Error::new(io::ErrorKind::InvalidData, what)
+}
+
+pub struct StageWriter {
+    path: PathBuf,
+    temporary: PathBuf,
+    output: BufWriter<File>,
+    sum: Xxh3,
+}
+
+impl StageWriter {
+    fn put(&mut self, bytes: &[u8]) -> Result<(), StageError> {
+        self.sum.update(bytes);
+        self.output.write_all(bytes).map_err(|source| StageError { path: self.temporary.clone(), source })
+    }
+
+    /// Empty records are not kept apart from the end.
+    pub fn record(&mut self, bytes: &[u8]) -> Result<(), StageError> {
+        let len = u32::try_from(bytes.len()).ok().filter(|&len| len > 0 && len as usize <= RECORD_MAX);
+        let Some(len) = len else {
+            return Err(StageError { path: self.temporary.clone(), source: invalid("a record of a wrong length") });
+        };
+        self.put(&len.to_le_bytes())?;
+        self.put(bytes)
+    }
+
+    pub fn finish(mut self) -> Result<(), StageError> {
+        self.put(&0u32.to_le_bytes())?;
+        let sum = self.sum.digest();
+        self.put(&sum.to_le_bytes())?;
+        let fail = |source| StageError { path: self.temporary.clone(), source };
+        let file = self.output.into_inner().map_err(|e| fail(e.into_error()))?;
+        file.sync_all().map_err(fail)?;
+        std::fs::rename(&self.temporary, &self.path).map_err(fail)
+    }
+}
+
+pub struct StageReader {
+    path: PathBuf,
+    input: BufReader<File>,
+    sum: Xxh3,
+}
+
+impl StageReader {
+    fn fill(&mut self, bytes: &mut [u8]) -> Result<(), StageError> {
+        self.input.read_exact(bytes).map_err(|source| StageError { path: self.path.clone(), source })?;
+        self.sum.update(bytes);
+        Ok(())
+    }
+
+    /// The next record; `None` after the last one, when the checksum was right.
+    pub fn record(&mut self) -> Result<Option<Vec<u8>>, StageError> {
+        let mut len = [0; 4];
+        self.fill(&mut len)?;
+        let len = u32::from_le_bytes(len) as usize;
+        if len > RECORD_MAX {
+            return Err(self.damaged());
+        }
+        if len > 0 {
+            let mut bytes = vec![0; len];
+            self.fill(&mut bytes)?;
+            return Ok(Some(bytes));
+        }
+        let expected = self.sum.digest();
+        let mut sum = [0; 8];
+        self.fill(&mut sum)?;
+        if u64::from_le_bytes(sum) == expected { Ok(None) } else { Err(self.damaged()) }
+    }
+
+    fn damaged(&self) -> StageError {
+        StageError { path: self.path.clone(), source: invalid("damaged") }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_stage_is_there_only_when_finished_and_only_for_its_recipe() {
+        let folder = tempfile::tempdir().unwrap();
+        let out = folder.path().join("world");
+        let (stages, other) = Stages::open(&out, 7).unwrap();
+        assert!(!other);
+        let mut writer = stages.write("zone-03").unwrap();
+        writer.record(b"one").unwrap();
+        writer.record(b"two").unwrap();
+        assert!(stages.read("zone-03").unwrap().is_none());
+        writer.finish().unwrap();
+        let mut reader = Stages::open(&out, 7).unwrap().0.read("zone-03").unwrap().unwrap();
+        assert_eq!(reader.record().unwrap().as_deref(), Some(&b"one"[..]));
+        assert_eq!(reader.record().unwrap().as_deref(), Some(&b"two"[..]));
+        assert_eq!(reader.record().unwrap(), None);
+        let (stages, other) = Stages::open(&out, 8).unwrap();
+        assert!(other && stages.read("zone-03").unwrap().is_none());
+    }
+
+    #[test]
+    fn a_damaged_stage_is_refused() {
+        let folder = tempfile::tempdir().unwrap();
+        let (stages, _) = Stages::open(&folder.path().join("world"), 7).unwrap();
+        let mut writer = stages.write("a").unwrap();
+        writer.record(b"hello").unwrap();
+        writer.finish().unwrap();
+        let whole = std::fs::read(stages.path("a")).unwrap();
+        for at in 0..whole.len() {
+            let mut bytes = whole.clone();
+            bytes[at] ^= 1;
+            std::fs::write(stages.path("a"), &bytes).unwrap();
+            let read = stages.read("a").and_then(|reader| {
+                let mut reader = reader.unwrap();
+                while reader.record()?.is_some() {}
+                Ok(())
+            });
+            assert!(read.is_err(), "byte {at}");
+        }
+    }
+}

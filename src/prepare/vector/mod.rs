@@ -1,0 +1,62 @@
+//! Readers of footprints: GeoJSON (collections and one feature a line), FlatGeobuf (also inside a .zip) and
+//! OpenStreetMap extracts. All stream features in longitude and latitude to a visitor.
+
+mod crs;
+mod feature;
+mod flatgeobuf;
+mod geojson;
+pub mod osm;
+mod osm_buildings;
+
+pub use feature::{Feature, FootprintPolygon, Ring};
+pub use osm_buildings::OsmBuildingCounts;
+
+use super::PrepareError;
+use super::source::SourceFile;
+
+/// Endings of the files that hold footprints.
+pub const EXTENSIONS: [&str; 7] = ["geojson", "json", "geojsonl", "geojsons", "ndjson", "fgb", "osm.pbf"];
+
+/// What a visitor of features gives back; an error stops the reading.
+pub type Visit<'a> = dyn FnMut(Feature) -> Result<(), PrepareError> + 'a;
+
+/// What a file held besides the features that were visited.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ReadSummary {
+    /// Features visited.
+    pub features: u64,
+    /// Features or outlines that the reader itself kept back, by reason.
+    pub kept_back: std::collections::BTreeMap<String, u64>,
+    pub osm: Option<OsmBuildingCounts>,
+}
+
+/// Reads all footprints of one file, in the file's order; numbers count from 1. `crs` overrides what the file says.
+pub fn read_footprints(file: &SourceFile, crs: Option<&str>, visit: &mut Visit) -> Result<ReadSummary, PrepareError> {
+    match Format::of(file)? {
+        Format::GeoJson => geojson::read(&file.to_string(), file.open()?, crs, visit),
+        Format::FlatGeobuf => flatgeobuf::read(&file.to_string(), file.open()?, crs, visit),
+        Format::OsmPbf => osm_buildings::read(file, visit),
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Format {
+    GeoJson,
+    FlatGeobuf,
+    OsmPbf,
+}
+
+impl Format {
+    fn of(file: &SourceFile) -> Result<Self, PrepareError> {
+        if file.has_extension(&["fgb"]) {
+            Ok(Self::FlatGeobuf)
+        } else if file.has_extension(&["pbf"]) {
+            Ok(Self::OsmPbf)
+        } else if file.has_extension(&EXTENSIONS) {
+            Ok(Self::GeoJson)
+        } else {
+            let remedy = "give .geojson, .json, .geojsonl, .fgb (also inside a .zip) or .osm.pbf";
+            Err(PrepareError::unsupported(file, "its name", "this kind of file of footprints", remedy))
+        }
+    }
+}

@@ -1,0 +1,235 @@
+//! Pages survive their bytes; bytes that were harmed give an error.
+
+use super::*;
+use crate::content::rtin::{Active, Diagonal, Triangle};
+use crate::content::{IMAGERY_STORED_PX, Prism, TerrainPage, TerrainPost};
+use crate::forest::{CellId, Zone};
+use proptest::prelude::*;
+
+fn terrain(cell: CellId, active: &Active, height: impl Fn(f64, f64) -> f64, error_m: f32) -> TerrainPage {
+    let posts = active.posts().map(|(column, row)| {
+        let height_m = height(f64::from(column), f64::from(row));
+        TerrainPost {
+            column,
+            row,
+            height_m: height_m as f32,
+            parent_height_m: (height_m + f64::from(row % 3)) as f32,
+            slope: [(column % 100) as i8 - 50, (row % 50) as i8],
+        }
+    });
+    let mut page = TerrainPage::from_posts(cell, error_m, posts.collect()).unwrap();
+    page.quantize(height_step_m(error_m));
+    page
+}
+
+fn rough(cell: CellId) -> TerrainPage {
+    let noise = |x: f64, y: f64| (x * 12.9898 + y * 78.233).sin() * 43758.5453 % 40.0;
+    terrain(cell, &Active::full(), |x, y| 500.0 + 200.0 * (x / 9.0).sin() * (y / 7.0).cos() + noise(x, y), 4.0)
+}
+
+fn flat(cell: CellId) -> TerrainPage {
+    let active = Active::corners();
+    let posts = active.posts().map(|(column, row)| TerrainPost {
+        column,
+        row,
+        height_m: 0.0,
+        parent_height_m: 0.0,
+        slope: [0; 2],
+    });
+    TerrainPage::from_posts(cell, 0.2, posts.collect()).unwrap()
+}
+
+fn cell() -> CellId {
+    CellId::containing(0.66, -2.13, 13)
+}
+
+fn prisms(root: CellId) -> Vec<Prism> {
+    let child = root.children().last().unwrap();
+    let at = child.bounds().center();
+    let side = root.bounds().height_rad() * 0.03;
+    let corner = |x: f64, y: f64| [at.lon_rad + x * side, at.lat_rad + y * side];
+    let prism = |id: u32, cell: CellId, shift: f64| Prism {
+        id,
+        cell,
+        rings: vec![
+            vec![corner(shift, 0.0), corner(shift + 1.0, 0.1), corner(shift + 1.0, 1.0), corner(shift, 1.0)],
+            vec![corner(shift + 0.2, 0.2), corner(shift + 0.2, 0.4), corner(shift + 0.4, 0.4)],
+        ],
+        roof: vec![[0, 1, 4], [1, 2, 6], [2, 3, 5]],
+        base_m: 12.34,
+        top_m: 45.67,
+        foundation_m: 1.5,
+        wall_color: [200, 190, id as u8],
+        roof_color: [90, 80, 70],
+    };
+    vec![prism(7, child, 0.0), prism(3, root, 2.0), prism(900_000, child, 4.0)]
+}
+
+fn object_page() -> Vec<u8> {
+    let page = PrismPage { root: cell(), collection: 2, rep: 0, error_m: 0.02, prisms: prisms(cell()) };
+    let texts = ["{\"a\":1}", "{}", "{\"name\":\"Å\"}"].map(String::from);
+    encode_objects(&page, &texts).unwrap()
+}
+
+#[test]
+fn terrain_survives_and_flat_sea_takes_tens_of_bytes() {
+    for page in [rough(cell()), flat(cell()), rough(Zone::all().next().unwrap().root())] {
+        let bytes = encode_terrain(&page, height_step_m(page.error_m)).unwrap();
+        assert_eq!(decode_terrain(&bytes, page.cell), Ok(page.clone()));
+        if page.posts.len() == 4 {
+            assert!(bytes.len() < 64, "{}", bytes.len());
+        }
+    }
+    let smooth = terrain(cell(), &Active::full(), |x, y| 100.0 * (x / 20.0).sin() * (y / 17.0).cos(), 4.0);
+    let bytes = encode_terrain(&smooth, 0.5).unwrap();
+    assert!(bytes.len() < 12_000, "{}", bytes.len());
+}
+
+#[test]
+fn imagery_survives_within_what_jpeg_keeps() {
+    let side = IMAGERY_STORED_PX as usize;
+    let rgb: Vec<u8> = (0..side * side).flat_map(|at| [(at % side / 2) as u8, (at / side / 2) as u8, 128]).collect();
+    let bytes = encode_imagery(cell(), &rgb, JPEG_QUALITY).unwrap();
+    let page = decode_imagery(&bytes, cell()).unwrap();
+    let sides: Vec<_> = page.mips.iter().map(|mip| (mip.len() / 4).isqrt()).collect();
+    assert_eq!(sides, [258, 129, 64, 32, 16, 8, 4, 2, 1]);
+    for (texel, source) in page.mips[0].chunks_exact(4).zip(rgb.chunks_exact(3)) {
+        assert!((0..3).all(|c| texel[c].abs_diff(source[c]) < 12) && texel[3] == 255);
+    }
+    assert!(matches!(encode_imagery(cell(), &rgb[3..], 85), Err(EncodeError::PictureSize { .. })));
+    assert_eq!(decode_imagery(&bytes, cell().parent().unwrap()), Err(PageFault::WrongPage));
+    assert_eq!(decode_terrain(&bytes, cell()), Err(PageFault::WrongPage));
+}
+
+#[test]
+fn objects_survive_within_their_units() {
+    let bytes = object_page();
+    let page = decode_prisms(&bytes).unwrap();
+    assert_eq!((page.root, page.collection, page.rep, page.error_m), (cell(), 2, 0, 0.02));
+    // Ordered by cell; those of one cell as given.
+    assert_eq!(page.prisms.iter().map(|prism| prism.id).collect::<Vec<_>>(), [3, 7, 900_000]);
+    assert_eq!(decode_attributes(&bytes).unwrap(), ["{}", "{\"a\":1}", "{\"name\":\"Å\"}"]);
+    let mut sources = prisms(cell());
+    sources.sort_by_key(|prism| prism.cell);
+    for (read, source) in page.prisms.iter().zip(&sources) {
+        assert_eq!((&read.roof, read.cell, read.wall_color), (&source.roof, source.cell, source.wall_color));
+        assert!((read.base_m - source.base_m).abs() < 0.006 && (read.top_m - source.top_m).abs() < 0.006);
+        for (a, b) in read.rings.iter().flatten().zip(source.rings.iter().flatten()) {
+            assert!((0..2).all(|axis| (a[axis] - b[axis]).abs() * 6.4e6 <= FOOTPRINT_UNIT_MAX_M / 2.0 * 1.6));
+        }
+    }
+    let (drawn, mesh) = decode_objects(&bytes).unwrap();
+    assert_eq!(drawn.cells.iter().map(|c| c.objects.clone()).collect::<Vec<_>>(), [0..1, 1..3]);
+    assert_eq!(drawn.indices_of(0..3), 0..mesh.indices.len() as u32);
+    // Seven walls and three triangles of roof each.
+    assert_eq!(mesh.indices.len(), 3 * 3 * (7 * 2 + 3));
+}
+
+#[test]
+fn walls_and_roofs_face_outwards() {
+    let (page, mesh) = decode_objects(&object_page()).unwrap();
+    for object in &page.objects {
+        let enu = crate::geodesy::Geodetic::from_ecef(object.place).ecef_from_enu().inverse().rotation();
+        for t in mesh.indices[object.indices.start as usize..object.indices.end as usize].chunks_exact(3) {
+            let corner = |i: usize| glam::Vec3::from(mesh.vertices[t[i] as usize].position_m).as_dvec3();
+            let normal = enu * (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalize();
+            let vertex = mesh.vertices[t[0] as usize];
+            if vertex.surface == 1 {
+                assert!(normal.z > 0.99 || normal.z < -0.99);
+            } else {
+                let turn = f64::from(vertex.azimuth) / 256.0 * std::f64::consts::TAU;
+                assert!(normal.dot(glam::DVec3::new(turn.cos(), turn.sin(), 0.0)) > 0.99, "{normal} {turn}");
+            }
+        }
+    }
+    let whole = page.objects.iter().find(|object| object.id == 7).unwrap();
+    assert!((whole.dimension_m - 33.33).abs() < 0.1 || whole.dimension_m >= whole.reach_m);
+}
+
+/// Every way to harm a page gives an error and neither a panic nor another page.
+fn harm(bytes: &[u8], decode: &dyn Fn(&[u8]) -> Result<(), PageFault>) {
+    assert_eq!(decode(bytes), Ok(()));
+    for at in 0..bytes.len() {
+        for flip in [1, 0x80, 0xff] {
+            let mut harmed = bytes.to_vec();
+            harmed[at] ^= flip;
+            assert!(decode(&harmed).is_err(), "byte {at} ^ {flip}");
+        }
+        assert!(decode(&bytes[..at]).is_err(), "{at} bytes");
+    }
+    let mut longer = bytes.to_vec();
+    longer.push(0);
+    assert!(decode(&longer).is_err());
+}
+
+#[test]
+fn a_harmed_page_is_an_error() {
+    let small = encode_terrain(&flat(cell()), 0.025).unwrap();
+    harm(&small, &|bytes| decode_terrain(bytes, cell()).map(drop));
+    harm(&object_page(), &|bytes| decode_objects(bytes).map(drop));
+    let grey = vec![99; (IMAGERY_STORED_PX * IMAGERY_STORED_PX * 3) as usize];
+    harm(&encode_imagery(cell(), &grey, 50).unwrap(), &|bytes| decode_imagery(bytes, cell()).map(drop));
+    let mut future = small.clone();
+    future[4] = 2;
+    assert_eq!(decode_terrain(&future, cell()), Err(PageFault::FutureVersion(2)));
+}
+
+/// A page with a right checksum over any body.
+fn forged(kind: PageKind, body: &[u8], unpacked: usize) -> Vec<u8> {
+    frame::frame(PageId { cell: cell(), kind }, body, unpacked).unwrap()
+}
+
+#[test]
+fn hostile_lengths_allocate_nothing() {
+    let objects = PageKind::Objects { collection: 0, rep: 0 };
+    let huge = frame::pack(&vec![0; 1 << 20]).into_owned();
+    for kind in [PageKind::Terrain, PageKind::Imagery, objects] {
+        for unpacked in [0, 5, 1 << 20, 64 << 20] {
+            let id = PageId { cell: cell(), kind };
+            assert!(decode_page(id, &forged(kind, &huge, unpacked)).is_err());
+        }
+    }
+    assert!(frame::frame(PageId { cell: cell(), kind: objects }, &[], (64 << 20) + 1).is_err());
+    let mut shapes = bytes::Writer::default();
+    shapes.f32(0.0);
+    shapes.varint(1 << 40);
+    shapes.bytes(&[0; 40]);
+    let mut body = bytes::Writer::default();
+    for len in [shapes.0.len(), shapes.0.len(), 0] {
+        body.varint(len as u64);
+    }
+    body.bytes(&shapes.0);
+    assert!(matches!(decode_prisms(&forged(objects, &body.0, body.0.len())), Err(PageFault::Malformed(_))));
+}
+
+proptest! {
+    #[test]
+    fn any_bytes_under_a_right_checksum_give_an_error_or_a_page(body in proptest::collection::vec(any::<u8>(), 0..300), kind in 0..3) {
+        let kind = [PageKind::Terrain, PageKind::Imagery, PageKind::Objects { collection: 0, rep: 0 }][kind as usize];
+        let _ = decode_page(PageId { cell: cell(), kind }, &forged(kind, &body, body.len()));
+    }
+
+    #[test]
+    fn any_shapes_give_an_error_or_a_page(tail in proptest::collection::vec(0u8..12, 0..200)) {
+        let mut shapes = vec![0, 0, 0, 0];
+        shapes.extend(&tail);
+        let mut body = bytes::Writer::default();
+        for len in [shapes.len(), shapes.len(), 0] {
+            body.varint(len as u64);
+        }
+        body.bytes(&shapes);
+        let _ = decode_objects(&forged(PageKind::Objects { collection: 0, rep: 0 }, &body.0, body.0.len()));
+    }
+
+    #[test]
+    fn any_network_survives(seed in proptest::collection::vec(any::<u16>(), 0..30), error_m in 0.0..100.0f32, level in 0u8..=22) {
+        let cell = CellId::containing(-0.3, 2.0, level);
+        let diagonal = Diagonal::of(cell);
+        let mut split = vec![false; crate::content::rtin::TRIANGLE_COUNT];
+        seed.iter().filter_map(|&s| Triangle::new(usize::from(s) % crate::content::rtin::TRIANGLE_COUNT)).for_each(|t| split[t.index()] = true);
+        let active = Active::from_split(diagonal, &split);
+        let page = terrain(cell, &active, |x, y| x * 31.7 - y * 91.3, error_m);
+        let bytes = encode_terrain(&page, height_step_m(error_m)).unwrap();
+        prop_assert_eq!(decode_terrain(&bytes, cell), Ok(page));
+    }
+}

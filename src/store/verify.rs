@@ -1,0 +1,211 @@
+//! Looks at all of a world: every page, checksum, link and bound.
+
+use super::pack;
+use super::world::World;
+use super::writer::{Layer, layer};
+use crate::content::{ObjectPage, Page, PageId, PageKind, TerrainPage};
+use crate::forest::Zone;
+use crate::forest::index::{IndexTree, Node, Place};
+use rayon::prelude::*;
+
+/// Pages that are looked at between two calls of the progress function; bounds what is in memory.
+const BATCH: usize = 256;
+/// Heights and sizes in the index are rounded outwards; pages may differ from what was measured by their units.
+const SLACK_M: f64 = 0.02;
+
+/// Something wrong.
+#[derive(Clone, Debug, PartialEq, serde::Serialize)]
+pub struct Problem {
+    /// The file or the cell.
+    pub place: String,
+    pub what: String,
+}
+
+/// The result of a check.
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
+pub struct Verified {
+    pub nodes: u64,
+    pub pages: u64,
+    pub bytes: u64,
+    pub problems: Vec<Problem>,
+}
+
+impl Verified {
+    fn add(&mut self, place: impl ToString, what: impl ToString) {
+        self.problems.push(Problem { place: place.to_string(), what: what.to_string() });
+    }
+}
+
+impl World {
+    /// Checks everything that can be checked without the sources; `progress` gets pages done and pages in all.
+    pub fn verify(&self, progress: &mut dyn FnMut(u64, u64)) -> Verified {
+        let mut result = Verified::default();
+        let mut tasks = Vec::new();
+        for tree in self.index().trees() {
+            let mut places = Vec::new();
+            for node in tree.nodes() {
+                result.nodes += 1;
+                check_children(&node, &mut result);
+                places.extend(pages(&node));
+            }
+            self.check_coverage(tree.zone(), &places, &mut result);
+            tasks.extend(places);
+        }
+        self.check_manifest(&mut result);
+        result.pages = tasks.len() as u64;
+        result.bytes = tasks.iter().map(|(_, place)| u64::from(place.len)).sum();
+        let mut done = 0;
+        for batch in tasks.chunks(BATCH) {
+            let found: Vec<Problem> =
+                batch.par_iter().flat_map_iter(|&(page, place)| self.check_page(page, place)).collect();
+            result.problems.extend(found);
+            done += batch.len() as u64;
+            progress(done, result.pages);
+        }
+        result
+    }
+
+    fn check_page(&self, id: PageId, place: Place) -> Vec<Problem> {
+        let page = match self.load(id, place) {
+            Ok(page) => page,
+            Err(error) => return vec![Problem { place: id.cell.to_string(), what: error.to_string() }],
+        };
+        let mut result = Verified::default();
+        let Some(node) = self.index().find(id.cell) else { return Vec::new() };
+        match page {
+            Page::Terrain(page) => check_terrain(&node, &page, &mut result),
+            Page::Imagery(_) => {}
+            Page::Objects(page, _) => {
+                check_objects(&node, &page, &mut result);
+                self.check_attributes(id, place, page.objects.len(), &mut result);
+            }
+        }
+        result.problems
+    }
+
+    fn check_attributes(&self, id: PageId, place: Place, objects: usize, result: &mut Verified) {
+        match self.read(id, place).and_then(|bytes| self.attributes(id, &bytes)) {
+            Err(error) => result.add(id.cell, error),
+            Ok(texts) if !texts.is_empty() && texts.len() != objects => {
+                result.add(id.cell, format!("{} attributes for {objects} objects", texts.len()));
+            }
+            Ok(_) => {}
+        }
+    }
+
+    /// Every byte of a pack belongs to exactly one page.
+    fn check_coverage(&self, zone: Zone, places: &[(PageId, Place)], result: &mut Verified) {
+        let name = self.source().pack_name(zone);
+        let len = match self.source().pack_len(zone) {
+            Ok(len) => len,
+            Err(error) => return result.add(name.display(), error),
+        };
+        let mut sorted: Vec<Place> = places.iter().map(|&(_, place)| place).collect();
+        sorted.sort_unstable_by_key(|place| place.offset);
+        let mut end = pack::HEADER_BYTES as u64;
+        for place in sorted {
+            if place.offset != end {
+                let what = if place.offset > end { "belong to no page" } else { "belong to two pages" };
+                let (from, to) = (end.min(place.offset), end.max(place.offset));
+                result.add(name.display(), format!("bytes {from} to {to} {what}"));
+            }
+            end = end.max(place.offset + u64::from(place.len));
+        }
+        if end != len {
+            result.add(name.display(), format!("it has {len} bytes, its pages end at {end}"));
+        }
+    }
+
+    fn check_manifest(&self, result: &mut Verified) {
+        let manifest = self.manifest();
+        let trees: Vec<IndexTree> = self.index().trees().cloned().collect();
+        let layers = [
+            ("terrain", &manifest.terrain, layer(&trees, Layer::Terrain)),
+            ("imagery", &manifest.imagery, layer(&trees, Layer::Imagery)),
+        ];
+        for (name, told, found) in layers {
+            if *told != found {
+                result.add("world.json", format!("pages and bytes of {name} are not those of the index"));
+            }
+        }
+        let bytes: u64 = self.index().trees().filter_map(|tree| self.source().pack_len(tree.zone()).ok()).sum();
+        if bytes != manifest.pack_bytes {
+            result.add("world.json", format!("it tells {} bytes of packs, there are {bytes}", manifest.pack_bytes));
+        }
+        for (at, collection) in manifest.collections.iter().enumerate() {
+            let entries = trees.iter().flat_map(IndexTree::nodes).flat_map(|node| node.objects());
+            let pages = entries.filter(|entry| usize::from(entry.collection) == at).count() as u64;
+            if pages != collection.pages {
+                let what = format!("collection {} has {} pages, {pages} are there", collection.name, collection.pages);
+                result.add("world.json", what);
+            }
+        }
+    }
+}
+
+/// The pages of a node.
+fn pages(node: &Node<'_>) -> Vec<(PageId, Place)> {
+    let id = |kind| PageId { cell: node.cell(), kind };
+    let terrain = node.terrain().map(|terrain| (id(PageKind::Terrain), terrain.place));
+    let imagery = node.imagery().map(|place| (id(PageKind::Imagery), place));
+    let objects = node
+        .objects()
+        .map(|entry| (id(PageKind::Objects { collection: entry.collection, rep: entry.rep }), entry.place));
+    terrain.into_iter().chain(imagery).chain(objects).collect()
+}
+
+/// Bounds never grow from parent to child.
+fn check_children(node: &Node<'_>, result: &mut Verified) {
+    let (low_m, high_m) = node.height_range_m();
+    if low_m > high_m {
+        result.add(node.cell(), format!("its heights run from {low_m} m down to {high_m} m"));
+    }
+    for child in node.children() {
+        let (child_low_m, child_high_m) = child.height_range_m();
+        if child_low_m < low_m || child_high_m > high_m {
+            result.add(child.cell(), "its heights leave its parent's range");
+        }
+        if child.dimension_m() > node.dimension_m() || child.reach_m() > node.reach_m() {
+            result.add(child.cell(), "its objects are larger than its parent tells");
+        }
+        if let (Some(own), Some(parent)) = (child.terrain(), node.terrain()) {
+            if own.error_m > parent.error_m {
+                result.add(
+                    child.cell(),
+                    format!("its error, {} m, is above its parent's, {} m", own.error_m, parent.error_m),
+                );
+            }
+        } else if child.terrain().is_some() {
+            result.add(child.cell(), "it has terrain, its parent has none");
+        }
+    }
+}
+
+fn check_terrain(node: &Node<'_>, page: &TerrainPage, result: &mut Verified) {
+    let (low_m, high_m) = node.height_range_m();
+    let told_m = node.terrain().map(|terrain| terrain.error_m);
+    if told_m != Some(page.error_m) {
+        result.add(node.cell(), format!("its page has an error of {} m, the index tells {told_m:?}", page.error_m));
+    }
+    let outside = |height_m: f32| f64::from(height_m) < low_m - SLACK_M || f64::from(height_m) > high_m + SLACK_M;
+    if page.posts.iter().any(|post| outside(post.height_m)) {
+        result.add(node.cell(), format!("heights leave the index's range of {low_m} to {high_m} m"));
+    }
+}
+
+fn check_objects(node: &Node<'_>, page: &ObjectPage, result: &mut Verified) {
+    let told_m = node
+        .objects()
+        .find(|entry| entry.collection == page.collection && entry.rep == page.rep)
+        .map_or(0.0, |entry| entry.dimension_m);
+    let (_, high_m) = node.height_range_m();
+    for object in &page.objects {
+        let (dimension_m, reach_m) = (f64::from(object.dimension_m), f64::from(object.reach_m));
+        if dimension_m > told_m.min(node.dimension_m()) + SLACK_M || reach_m > node.reach_m() + SLACK_M {
+            result.add(node.cell(), format!("object {} is larger than the index tells", object.id));
+        }
+        if f64::from(object.top_m) > high_m + SLACK_M {
+            result.add(node.cell(), format!("object {} is higher than the index tells", object.id));
+        }
+    }
+}
