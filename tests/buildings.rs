@@ -25,11 +25,11 @@ fn section(file: &str, keys: &str) -> BuildingsSection {
 const FLAT: Ground = Ground { height_m: &|_, _| 100.0, error_m: &|_, _| 0.5 };
 
 fn gathered(root: &Path, file: &str, keys: &str) -> Gathered {
-    gather(&section(file, keys), root, VerticalDatum::Ellipsoid, &FLAT, &|_| ()).unwrap()
+    gather(&section(file, keys), root, VerticalDatum::Ellipsoid, &FLAT, &|_| ()).expect("sound input")
 }
 
 fn prepared(root: &Path, file: &str, keys: &str) -> PreparedCollection {
-    prepare_collection(&section(file, keys), root, VerticalDatum::Ellipsoid, &FLAT, 0, &|_| ()).unwrap()
+    prepare_collection(&section(file, keys), root, VerticalDatum::Ellipsoid, &FLAT, 0, &|_| ()).expect("sound input")
 }
 
 /// Heights of the features, ascending.

@@ -15,7 +15,7 @@ fn monaco() -> Option<OsmPainter> {
         return None;
     }
     let section = toml::from_str("file = \"monaco.osm.pbf\"").expect("a sound section");
-    Some(OsmPainter::open(&section, &SourceFile { path, inside: None }).unwrap())
+    Some(OsmPainter::open(&section, &SourceFile { path, inside: None }).expect("a sound extract"))
 }
 
 fn color(painter: &OsmPainter, lat_deg: f64, lon_deg: f64, texel_m: f64) -> Option<[u8; 4]> {

@@ -16,10 +16,8 @@ pub enum PrepareError {
     /// The bytes are not what the format promises: truncated, damaged, or another format.
     #[error("{file}, {place}: damaged or truncated: {what}; fetch the file again or repair it")]
     Damaged { file: String, place: String, what: String },
-    #[error(
-        "{file}: has no georeference; give `bounds_deg = [west, south, east, north]`, or write the place into the file (gdal_translate -a_srs … -a_ullr …)"
-    )]
-    NoGeoreference { file: String },
+    #[error("{file}: has no georeference; {remedy}")]
+    NoGeoreference { file: String, remedy: &'static str },
     #[error("{file}: coordinate system {crs:?} is not known: {what}; give `crs = \"EPSG:…\"` in the recipe")]
     UnknownCrs { file: String, crs: String, what: String },
     /// Sound, but of a kind that is not read.

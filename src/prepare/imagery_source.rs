@@ -2,10 +2,9 @@
 
 mod georeferenced;
 
-use super::placement::overlap;
 use super::paint::OsmPainter;
+use super::placement::overlap;
 use super::raster::picture::{to_linear, to_srgb};
-use super::recipe::ImagerySection;
 use super::source::{SourceFile, resolve};
 use super::{OnProgress, PrepareError, Progress, Recipe};
 use crate::geodesy::GeoBounds;
@@ -60,10 +59,17 @@ impl Pictures {
         for section in &recipe.imagery {
             let files = resolve(root, &section.file, &EXTENSIONS)?;
             let total = files.len() as u64;
+            let mut set = Vec::new();
             for (index, file) in files.iter().enumerate() {
-                sources.push(open_one(section, file, &mut room)?);
+                if file.has_extension(&["pbf"]) {
+                    sources.push(Box::new(OsmPainter::open(section, file)?));
+                } else {
+                    set.push(GeoPicture::open(section, file, &mut |cols, rows| room.take(file, cols, rows))?);
+                }
                 progress(Progress { stage: "read imagery", item: &section.file, done: index as u64 + 1, total });
             }
+            GeoPicture::join(&mut set);
+            sources.extend(set.into_iter().map(|picture| Box::new(picture) as Box<dyn PictureSource>));
         }
         Ok(Self::from_sources(sources))
     }
@@ -144,17 +150,6 @@ impl Room {
         })?;
         Ok(())
     }
-}
-
-fn open_one(
-    section: &ImagerySection,
-    file: &SourceFile,
-    room: &mut Room,
-) -> Result<Box<dyn PictureSource>, PrepareError> {
-    if file.has_extension(&["pbf"]) {
-        return Ok(Box::new(OsmPainter::open(section, file)?));
-    }
-    Ok(Box::new(GeoPicture::open(section, file, &mut |cols, rows| room.take(file, cols, rows))?))
 }
 
 #[cfg(test)]

@@ -17,6 +17,7 @@ use super::pack;
 use crate::forest::{CellId, LEVEL_MAX};
 use crate::geodesy::SEMI_MAJOR_M;
 use crate::store::CostPoint;
+use rayon::prelude::*;
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI, TAU};
 
@@ -77,7 +78,8 @@ pub fn choose(items: &[Item]) -> Changeover {
     let last = items.iter().map(|item| item.deepest).max().unwrap_or(0);
     let first = vgis_level.saturating_sub(LEVELS_ABOVE);
     let large = large_by_cell(items);
-    let curve: Vec<_> = (first..=(last + 1).min(LEVEL_MAX)).map(|level| cost_at(items, &large, level)).collect();
+    let levels = first..=(last + 1).min(LEVEL_MAX);
+    let curve: Vec<_> = levels.into_par_iter().map(|level| cost_at(items, &large, level)).collect();
     let level = curve.iter().rev().min_by(|a, b| a.cost.total_cmp(&b.cost)).map_or(0, |point| point.level);
     Changeover { level, vgis_level, curve }
 }

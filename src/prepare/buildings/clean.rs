@@ -373,13 +373,16 @@ mod tests {
         assert!((area(&footprints) - 100.0).abs() < 1e-3);
     }
 
+    /// A ring, what is repaired in it, the area in square metres, and the parts that come of it.
+    type Case<'a> = (&'a [[f64; 2]], &'a [Reason], f64, usize);
+
     #[test]
     fn each_fault_is_repaired_and_named() {
         let clockwise: Vec<_> = SQUARE.into_iter().rev().collect();
         let repeated = [[0.0, 0.0], [10.0, 0.0], [10.0, 0.001], [10.0, 5.0], [10.0, 10.0], [0.0, 10.0], [0.0, 0.0]];
         let spike = [[0.0, 0.0], [10.0, 0.0], [10.0, 10.0], [10.0, 30.0], [10.0, 10.0], [0.0, 10.0], [0.0, 0.0]];
         let bowtie = [[0.0, 0.0], [10.0, 10.0], [10.0, 0.0], [0.0, 10.0], [0.0, 0.0]];
-        let cases: [(&[[f64; 2]], &[Reason], f64, usize); 5] = [
+        let cases: [Case; 5] = [
             (&SQUARE[..4], &["ring closed"], 100.0, 1),
             (&clockwise, &["ring turned round"], 100.0, 1),
             (&repeated, &["idle points dropped", "repeated points dropped"], 100.0, 1),

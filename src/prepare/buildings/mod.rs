@@ -189,8 +189,7 @@ fn gather_file(
 
 /// What became of one feature.
 struct Made {
-    prisms: Vec<Prism>,
-    attributes: String,
+    objects: Vec<Placed>,
     names: Vec<String>,
     notes: BTreeSet<clean::Reason>,
     set_aside: Option<clean::Reason>,
@@ -200,8 +199,7 @@ struct Made {
 fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result<Made, PrepareError> {
     let mut notes = BTreeSet::new();
     let mut made = Made {
-        prisms: Vec::new(),
-        attributes: String::new(),
+        objects: Vec::new(),
         names: Vec::new(),
         notes: BTreeSet::new(),
         set_aside: None,
@@ -221,11 +219,13 @@ fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result
     })?;
     let whole = feature.ground.as_ref().map(|points| points.as_slice());
     let ground_m = place::ground_m(&footprints, whole, &extent, rules.vertical, ground);
-    made.prisms = footprints
+    let attributes = rules.kept(feature);
+    made.objects = footprints
         .into_iter()
-        .map(|footprint| place::prism(footprint, &extent, ground_m, ground, &mut notes))
+        .map(|footprint| {
+            Placed::new(place::prism(footprint, &extent, ground_m, ground, &mut notes), attributes.clone())
+        })
         .collect();
-    made.attributes = rules.kept(feature);
     made.names = feature.attributes.keys().filter(|name| rules.keeps(name)).cloned().collect();
     made.own_colors = rules.color_attributes(&feature.attributes);
     made.notes = notes;
@@ -245,17 +245,18 @@ impl Gathered {
         let id = self.features as u32;
         self.features += 1;
         let (wall_color, roof_color) = rules.colors(&made.own_colors, id);
-        for prism in made.prisms {
-            let prism = Prism { id, wall_color, roof_color, ..prism };
-            let footprint = prism.footprint();
-            self.objects.push(Placed {
-                lat_rad: footprint.lat_rad,
-                lon_rad: place::wrap(footprint.lon_rad),
-                reach_m: footprint.sides_m[0].max(footprint.sides_m[1]),
-                attributes: made.attributes.clone(),
-                prism,
-            });
-        }
+        self.objects.extend(made.objects.into_iter().map(|mut object| {
+            object.prism = Prism { id, wall_color, roof_color, ..object.prism };
+            object
+        }));
+    }
+}
+
+impl Placed {
+    fn new(prism: Prism, attributes: String) -> Self {
+        let footprint = prism.footprint();
+        let reach_m = footprint.sides_m[0].max(footprint.sides_m[1]);
+        Self { lat_rad: footprint.lat_rad, lon_rad: place::wrap(footprint.lon_rad), reach_m, attributes, prism }
     }
 }
 

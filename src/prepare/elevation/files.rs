@@ -47,7 +47,10 @@ fn open(section: &ElevationSection, file: &SourceFile) -> Result<HeightFile, Pre
         return Err(PrepareError::unsupported(file, "its name", "elevation of this format", &remedy));
     }
     let tiff = GeoTiff::open(file)?;
-    let no_place = || PrepareError::NoGeoreference { file: file.to_string() };
+    let no_place = || PrepareError::NoGeoreference {
+        file: file.to_string(),
+        remedy: "write its place into it: gdal_translate -a_srs EPSG:… -a_ullr WEST NORTH EAST SOUTH",
+    };
     let affine = tiff.affine().ok_or_else(no_place)?;
     let crs = match given {
         Some(crs) => crs,

@@ -24,7 +24,7 @@ pub struct Layer {
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Coverage {
     None,
-    /// In its feather, or beside voids.
+    /// In its feather, or beside or among voids.
     Part,
     /// It alone is the truth.
     Whole,
@@ -117,18 +117,11 @@ impl Layer {
     pub fn coverage(&self, cache: &BlockCache, lat_rad: f64, lon_rad: f64) -> Coverage {
         let Some(place) = self.grid.place(lat_rad, lon_rad) else { return Coverage::None };
         let mut cursor = Cursor::new(&self.grid, cache);
-        let (mut sound, mut void) = (false, false);
+        let mut void = false;
         for (row, col, _) in self.grid.corners(place).into_iter().filter(|c| c.2 > 0.0) {
-            match cursor.post(row, col) {
-                Some(_) => sound = true,
-                None => void = true,
-            }
+            void |= cursor.post(row, col).is_none();
         }
-        match (sound, void) {
-            (false, _) => Coverage::None,
-            (true, false) if self.weight(place, lat_rad) >= 1.0 => Coverage::Whole,
-            _ => Coverage::Part,
-        }
+        if !void && self.weight(place, lat_rad) >= 1.0 { Coverage::Whole } else { Coverage::Part }
     }
 
     /// Its posts in the bounds that are not void.

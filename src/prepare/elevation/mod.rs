@@ -108,24 +108,30 @@ impl Elevation {
     fn composite_m(&self, first: usize, lat_rad: f64, lon_rad: f64) -> Option<f64> {
         /// Less weight than this counts as none.
         const NO_WEIGHT: f64 = 1e-9;
-        let (mut sum_m, mut left, mut bare_m) = (0.0, 1.0, None);
+        let (mut sum_m, mut left, mut edge) = (0.0, 1.0, None);
+        let height_m = |index: usize, place| {
+            let fill = |lat_rad, lon_rad| self.composite_m(index + 1, lat_rad, lon_rad);
+            self.layers[index].height_m(&self.cache, place, (lat_rad, lon_rad), &fill)
+        };
         for (index, layer) in self.layers.iter().enumerate().skip(first) {
             let Some(place) = layer.grid.place(lat_rad, lon_rad) else { continue };
-            let fill = |lat_rad, lon_rad| self.composite_m(index + 1, lat_rad, lon_rad);
-            let Some(height_m) = layer.height_m(&self.cache, place, (lat_rad, lon_rad), &fill) else { continue };
-            bare_m = bare_m.or(Some(height_m));
             let weight = layer.weight(place, lat_rad);
             if weight < NO_WEIGHT {
+                edge = edge.or(Some((index, place)));
                 continue;
             }
+            let Some(height_m) = height_m(index, place) else { continue };
             sum_m += left * weight * height_m;
             left *= 1.0 - weight;
             if left <= 0.0 {
                 return Some(sum_m);
             }
         }
-        // Where nothing coarser lies below, the seam has nothing to be blended with.
-        if left < 1.0 { Some(sum_m / (1.0 - left)) } else { bare_m }
+        if left < 1.0 {
+            // Where nothing coarser lies below, the seam has nothing to be blended with.
+            return Some(sum_m / (1.0 - left));
+        }
+        edge.and_then(|(index, place)| height_m(index, place))
     }
 
     /// Finest north–south post spacing of the sources that share ground (more than a border) with the bounds; none

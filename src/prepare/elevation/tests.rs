@@ -271,4 +271,78 @@ fn a_touch_of_borders_asks_for_no_refinement() {
     assert!(e.finest_spacing_rad(&GeoBounds::from_degrees(0.0, 0.0, 45.0, 45.0)).is_some());
 }
 
+/// A netCDF with latitudes from the south and longitudes from 0° to 350°, big-endian, written by hand.
+fn write_netcdf(path: &Path) {
+    let mut file = b"CDF\x01".to_vec();
+    let word = |file: &mut Vec<u8>, v: u32| file.extend(v.to_be_bytes());
+    let name = |file: &mut Vec<u8>, text: &str| {
+        word(file, text.len() as u32);
+        file.extend(text.bytes());
+        file.resize(file.len().div_ceil(4) * 4, 0);
+    };
+    // No records; dimensions; no attributes of the file; three variables.
+    [0, 10, 2].iter().for_each(|&v| word(&mut file, v));
+    for (text, length) in [("lat", 19), ("lon", 36)] {
+        name(&mut file, text);
+        word(&mut file, length);
+    }
+    [0, 0, 11, 3].iter().for_each(|&v| word(&mut file, v));
+    let begin = 512;
+    for (text, dimension, length, at) in [("lat", 0, 19, begin), ("lon", 1, 36, begin + 19 * 4)] {
+        name(&mut file, text);
+        // One dimension, no attributes, f32.
+        [1, dimension, 0, 0, 5, length * 4, at].iter().for_each(|&v| word(&mut file, v));
+    }
+    name(&mut file, "rose");
+    [2, 0, 1, 12, 1].iter().for_each(|&v| word(&mut file, v));
+    name(&mut file, "_FillValue");
+    // One i16 (and two bytes to fill up), then the variable's own type.
+    [3, 1, u32::from((-999i16) as u16) << 16, 3, 19 * 36 * 2, begin + 55 * 4].iter().for_each(|&v| word(&mut file, v));
+    assert!(file.len() <= begin as usize);
+    file.resize(begin as usize, 0);
+    file.extend((0..19).flat_map(|i| (i as f32 * 10.0 - 90.0).to_be_bytes()));
+    // As ETOPO5 has them: the last one rounded, the others spread evenly.
+    file.extend((0..36).flat_map(|i| (i as f32 * 350.3 / 35.0).to_be_bytes()));
+    file.extend((0..19 * 36).flat_map(|i| (if i == 100 { -999 } else { i as i16 }).to_be_bytes()));
+    std::fs::write(path, file).expect("written");
+}
+
+#[test]
+fn netcdf_from_the_south_and_from_greenwich_eastwards() {
+    let folder = tempfile::tempdir().expect("folder");
+    write_netcdf(&folder.path().join("a.nc"));
+    let e = open(&section("a.nc", ""), folder.path()).expect("sound");
+    for (lat, lon, height) in [(-80.0, 10.0, 37.0), (-80.0, -10.0, 71.0), (-80.0, 180.0, 54.0), (-80.0, -180.0, 54.0)] {
+        assert!((at(&e, lat, lon) - height).abs() < 1e-9, "{lat} {lon}: {}", at(&e, lat, lon));
+    }
+    assert_eq!((e.stats()[0].voids, e.stats()[0].posts), (1, 19 * 36));
+    assert_eq!(posts(&e, -180.0, -85.0, -135.0, -75.0).len(), 5);
+    assert_eq!(posts(&e, 135.0, -85.0, 180.0, -75.0).len(), 5);
+    let message = open(&section("a.nc", "layer = \"depth\""), folder.path()).err().expect("none").to_string();
+    assert!(message.contains("depth") && message.contains("rose"), "{message}");
+}
+
+/// Files cut off anywhere, and with any byte flipped: an error or heights, never a panic.
+#[test]
+fn damaged_files_never_panic() {
+    let folder = tempfile::tempdir().expect("folder");
+    let heights: Vec<i16> = (0..400).map(|i| i as i16).collect();
+    TiffOf::new(20, 20, heights).point(0.0, 10.0, 0.1).nodata("-9").write(folder.path(), "whole.tif");
+    write_netcdf(&folder.path().join("whole.nc"));
+    for extension in ["tif", "nc"] {
+        let whole = std::fs::read(folder.path().join(format!("whole.{extension}"))).expect("written");
+        let name = format!("bad.{extension}");
+        let places = (0..whole.len().min(400)).chain(whole.len().saturating_sub(400).max(400)..whole.len());
+        for place in places {
+            let mut flipped = whole.clone();
+            flipped[place] ^= 0x41;
+            for bytes in [&whole[..place], &flipped] {
+                std::fs::write(folder.path().join(&name), bytes).expect("written");
+                let opened = open(&section(&name, ""), folder.path());
+                assert!(opened.is_err() || bytes.len() == whole.len(), "{extension} cut at {place}");
+            }
+        }
+    }
+}
+
 mod real;

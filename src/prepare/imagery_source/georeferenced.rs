@@ -21,11 +21,15 @@ pub struct GeoPicture {
     bounds: Vec<GeoBounds>,
     /// Width of the seam, texels.
     feather_texels: f64,
+    /// Edges that have one: first and last column, first and last row.
+    seams: [bool; 4],
     info: SourceInfo,
 }
 
 /// Width of the default seam, texels.
 const DEFAULT_FEATHER_TEXELS: f64 = 8.0;
+/// Pictures that end this near to a pole end there.
+const NEAR_POLE_DEG: f64 = 89.999;
 /// Near the poles a texel spans many columns of a geographic picture: no more samples than this are taken.
 const MAX_TAPS: u32 = 64;
 
@@ -49,7 +53,7 @@ impl GeoPicture {
         }
         let (cols, rows) = picture::plain_size(file)?;
         take(cols, rows)?;
-        let bounds = section.bounds_deg.ok_or_else(|| PrepareError::NoGeoreference { file: file.to_string() })?;
+        let bounds = section.bounds_deg.ok_or_else(|| no_place(file))?;
         let place = Place { crs: Crs::wgs84(), affine: affine_of(bounds, cols, rows), cols, rows };
         Self::new(section, file, place, |wraps| picture::read_plain(file, wraps))
     }
@@ -70,6 +74,7 @@ impl GeoPicture {
         let half = f64::from(cols.min(rows)) / 4.0;
         Ok(Self {
             bounds: placement.bounds((-0.5, -0.5), (f64::from(cols) - 0.5, f64::from(rows) - 0.5)),
+            seams: Self::open_edges(&placement, wraps, rows),
             picture,
             placement,
             texel_rad,
@@ -86,38 +91,62 @@ impl GeoPicture {
         })
     }
 
-    /// Smoothstep over the seam's width; edges on a pole or that wrap are none.
+    /// Smoothstep over the seams' width.
     fn seam(&self, col: f64, row: f64) -> f64 {
-        let (cols, rows) = (f64::from(self.picture.cols()), f64::from(self.picture.rows()));
-        let mut inside = f64::INFINITY;
-        if !self.picture.wraps {
-            inside = inside.min(col + 0.5).min(cols - 0.5 - col);
-        }
-        let polar = |row: f64| self.placement.lat_lon_rad(col, row).0.abs() > 89.999f64.to_radians();
-        if !(self.placement.is_geographic() && polar(-0.5)) {
-            inside = inside.min(row + 0.5);
-        }
-        if !(self.placement.is_geographic() && polar(rows - 0.5)) {
-            inside = inside.min(rows - 0.5 - row);
-        }
         if self.feather_texels <= 0.0 {
             return 1.0;
         }
-        let t = (inside / self.feather_texels).clamp(0.0, 1.0);
+        let (cols, rows) = (f64::from(self.picture.cols()), f64::from(self.picture.rows()));
+        let from_edges = [col + 0.5, cols - 0.5 - col, row + 0.5, rows - 0.5 - row];
+        let nearest = from_edges.iter().zip(self.seams).filter(|(_, seam)| *seam).map(|(d, _)| *d);
+        let t = (nearest.fold(f64::INFINITY, f64::min) / self.feather_texels).clamp(0.0, 1.0);
         t * t * (3.0 - 2.0 * t)
     }
-}
 
-impl PictureSource for GeoPicture {
-    fn color(&self, lat_rad: f64, lon_rad: f64, texel_rad: f64) -> Option<[u8; 4]> {
+    /// Edges need a seam but where the picture goes round the Earth or ends at a pole.
+    fn open_edges(placement: &Placement, wraps: bool, rows: u32) -> [bool; 4] {
+        let polar = |row: f64| {
+            placement.is_geographic() && placement.lat_lon_rad(0.0, row).0.abs() > NEAR_POLE_DEG.to_radians()
+        };
+        [!wraps, !wraps, !polar(-0.5), !polar(f64::from(rows) - 0.5)]
+    }
+
+    /// Takes the seams away from edges along which others of the same set go on.
+    pub fn join(set: &mut [Self]) {
+        for index in 0..set.len() {
+            let seams = [0, 1, 2, 3].map(|edge| set[index].seams[edge] && !Self::goes_on(set, index, edge));
+            set[index].seams = seams;
+        }
+    }
+
+    /// Whether beyond all of an edge there is another picture.
+    fn goes_on(set: &[Self], index: usize, edge: usize) -> bool {
+        const PLACES: u32 = 17;
+        let own = &set[index];
+        let (cols, rows) = (f64::from(own.picture.cols()), f64::from(own.picture.rows()));
+        (0..PLACES).all(|i| {
+            let along = (f64::from(i) + 0.5) / f64::from(PLACES);
+            let (x, y) = (along * cols - 0.5, along * rows - 0.5);
+            let (col, row) = [(-1.5, y), (cols + 0.5, y), (x, -1.5), (x, rows + 0.5)][edge];
+            let (lat_rad, lon_rad) = own.placement.lat_lon_rad(col, row);
+            set.iter().enumerate().any(|(other, picture)| other != index && picture.at(lat_rad, lon_rad).is_some())
+        })
+    }
+
+    /// (col, row) of a place on the picture.
+    fn at(&self, lat_rad: f64, lon_rad: f64) -> Option<(f64, f64)> {
         let (col, row) = self.placement.locate(lat_rad, lon_rad)?;
         let (cols, rows) = (f64::from(self.picture.cols()), f64::from(self.picture.rows()));
         /// A hair's breadth outside is on the edge.
         const EDGE: f64 = 1e-6;
         let beyond = |v: f64, end: f64| v < -0.5 - EDGE || v > end - 0.5 + EDGE;
-        if beyond(row, rows) || (!self.picture.wraps && beyond(col, cols)) {
-            return None;
-        }
+        (!beyond(row, rows) && (self.picture.wraps || !beyond(col, cols))).then_some((col, row))
+    }
+}
+
+impl PictureSource for GeoPicture {
+    fn color(&self, lat_rad: f64, lon_rad: f64, texel_rad: f64) -> Option<[u8; 4]> {
+        let (col, row) = self.at(lat_rad, lon_rad)?;
         let shrink = if self.placement.is_geographic() { lat_rad.cos().max(1e-4) } else { 1.0 };
         let (wide, high) = (texel_rad / (self.across_rad * shrink), texel_rad / self.texel_rad);
         // The mip whose texel fits the lesser side, then as many samples as the sides need.
@@ -164,7 +193,7 @@ fn tiff_place(section: &ImagerySection, tiff: &GeoTiff, crs: Option<Crs>) -> Res
         return Ok((Crs::wgs84(), affine_of(bounds, tiff.layout.cols, tiff.layout.rows)));
     }
     let file = tiff.file().to_string();
-    let affine = tiff.affine().ok_or_else(|| PrepareError::NoGeoreference { file: file.clone() })?;
+    let affine = tiff.affine().ok_or_else(|| no_place(tiff.file()))?;
     let named = match crs {
         Some(crs) => crs,
         None => tiff.geo.crs(&file).ok_or_else(|| PrepareError::UnknownCrs {
@@ -174,6 +203,11 @@ fn tiff_place(section: &ImagerySection, tiff: &GeoTiff, crs: Option<Crs>) -> Res
         })??,
     };
     Ok((named, affine))
+}
+
+fn no_place(file: &SourceFile) -> PrepareError {
+    let remedy = "give `bounds_deg = [west, south, east, north]`, the degrees of its outer edges";
+    PrepareError::NoGeoreference { file: file.to_string(), remedy }
 }
 
 /// Pixel centres of a plate carrée picture between outer edges.

@@ -81,6 +81,23 @@ fn the_finer_lies_over_the_coarser_with_a_soft_seam() {
 }
 
 #[test]
+fn tiles_of_one_set_have_no_seam_between_them() {
+    let folder = tempfile::tempdir().expect("folder");
+    globe(folder.path());
+    let tiles = folder.path().join("tiles");
+    std::fs::create_dir(&tiles).expect("made");
+    for (name, west) in [("a.tif", 10.0), ("b.tif", 20.0)] {
+        TiffOf::new(100, 100, vec![255u8; 30_000]).area(west, 20.0, 0.1).write_as::<RGB8>(&tiles, name);
+    }
+    let p = open(&format!("{GLOBE}[[imagery]]\nfile = \"tiles\"\n"), folder.path()).expect("sound");
+    for lon in [19.9, 19.999, 20.0, 20.001, 20.1] {
+        assert_eq!(at(&p, 15.0, lon, 0.1), Some([255; 3]), "{lon}");
+    }
+    assert!(at(&p, 15.0, 29.8, 0.1).expect("seam")[2] < 200);
+    assert_eq!(p.sources().len(), 2, "one entry for the set");
+}
+
+#[test]
 fn alpha_and_nodata_let_the_coarser_through() {
     let folder = tempfile::tempdir().expect("folder");
     globe(folder.path());

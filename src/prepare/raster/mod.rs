@@ -6,6 +6,7 @@ pub mod geotiff;
 pub mod grid;
 pub mod hgt;
 pub mod netcdf;
+pub mod netcdf_header;
 pub mod picture;
 pub mod samples;
 #[cfg(test)]

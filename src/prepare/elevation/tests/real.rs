@@ -105,5 +105,7 @@ fn etopo5_as_netcdf() {
     let e = open(&section("etopo5.cdf", ""), path).expect("sound");
     let stats = &e.stats()[0];
     assert_eq!((stats.posts, stats.low_m, stats.high_m), (2161 * 4320, -10_376.0, 7833.0));
-    assert_eq!(at(&e, 39.75, -105.0).round(), 1658.0, "Denver");
+    for (lat, lon, height) in [(39.75, -105.0, 1658.0), (-78.4645, 106.8339, 3475.0)] {
+        assert!((at(&e, lat, lon) - height).abs() < 0.01, "Denver, Vostok: {}", at(&e, lat, lon));
+    }
 }
