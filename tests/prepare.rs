@@ -153,6 +153,9 @@ fn a_made_up_world_is_whole_and_keeps_its_bounds() {
     assert!(report.samples >= 5000 && report.comparisons > 2 * report.samples, "{report:?}");
     assert_eq!(report.violations, 0, "{:?}", report.examples);
     assert!(report.tightness.tight_share >= 0.5, "{:?}", report.tightness);
+    let town = &report.buildings[0];
+    assert_eq!((town.prisms, town.missing, town.surplus), (30, 0, 0));
+    assert!(town.outline_worst_m <= 0.02 && town.height_worst_m <= 0.02, "{town:?}");
     assert_eq!(report, check_against(&world, &recipe, None, 5000, 1, &|_| {}).unwrap());
 }
 

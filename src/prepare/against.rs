@@ -1,5 +1,6 @@
 //! A world against the sources it was made of: does the drawn terrain keep its bounds, and how tight are they.
 
+use super::against_buildings::{self, BuildingsReport};
 use super::terrain;
 use super::{Elevation, OnProgress, PrepareError, Progress, Recipe};
 use crate::content::{Page, PageId, PageKind, TerrainPage};
@@ -11,6 +12,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// Posts taken of one finest cell.
@@ -84,9 +86,12 @@ pub struct AgainstReport {
     pub finest_mean_m: f64,
     pub levels: Vec<LevelReport>,
     pub tightness: Tightness,
+    /// Of each collection and rep.
+    pub buildings: Vec<BuildingsReport>,
 }
 
 const EXAMPLES_MAX: usize = 10;
+const ROUNDS_MAX: u32 = 32;
 
 /// Compares at about `samples` random source posts and mesh vertices; the same seed takes the same ones.
 pub fn check_against(
@@ -114,31 +119,41 @@ pub fn check_against(
         return Err(AgainstError::NoTerrain);
     }
     let checker = Checker { world, elevation: &elevation, kept: Mutex::default() };
-    let picks = samples.div_ceil((POSTS_PER_CELL + VERTICES_PER_CELL) as u64);
-    let done = std::sync::atomic::AtomicU64::new(0);
-    let count = |total: u64| {
-        let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-        on_progress(Progress { stage: "compare", item: "terrain", done, total });
+    let picks_of = |samples: u64| samples.div_ceil((POSTS_PER_CELL + VERTICES_PER_CELL) as u64);
+    let done = AtomicU64::new(0);
+    let total = picks_of(samples) + WHOLE_CELLS as u64;
+    let count = || {
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        on_progress(Progress { stage: "compare", item: "terrain", done, total: total.max(done) });
     };
-    let parts: Vec<Part> = (0..picks)
-        .into_par_iter()
-        .map(|pick| {
-            count(picks + WHOLE_CELLS as u64);
-            let mut random = Random::new(seed, pick);
-            checker.compare(leaves[random.below(leaves.len())], &mut random)
-        })
-        .collect::<Result<_, _>>()?;
-    let mut report = parts.into_iter().fold(Part::default(), Part::merge).report();
+    let mut sum = Part::default();
+    let mut first = 0;
+    // Cells with few posts give fewer samples than asked for: more cells are taken.
+    for _ in 0..ROUNDS_MAX {
+        let picks = picks_of(samples.saturating_sub(sum.samples));
+        let parts: Vec<Part> = (first..first + picks)
+            .into_par_iter()
+            .map(|pick| {
+                count();
+                let mut random = Random::new(seed, pick);
+                checker.compare(leaves[random.below(leaves.len())], &mut random)
+            })
+            .collect::<Result<_, _>>()?;
+        sum = parts.into_iter().fold(sum, Part::merge);
+        first += picks;
+    }
+    let mut report = sum.report();
     let mut random = Random::new(seed, u64::MAX);
     let wholes: Vec<CellId> = (0..WHOLE_CELLS).map(|_| cells[random.below(cells.len())]).collect();
     let ratios: Vec<Option<f64>> = wholes
         .par_iter()
         .map(|&cell| {
-            count(picks + WHOLE_CELLS as u64);
+            count();
             checker.whole(cell)
         })
         .collect::<Result<_, _>>()?;
     report.tightness = tightness(ratios.into_iter().flatten().collect());
+    report.buildings = against_buildings::compare(world, recipe, root, &elevation, on_progress)?;
     Ok(report)
 }
 
@@ -197,6 +212,7 @@ impl Part {
             finest_mean_m: self.finest_sum_m / (self.samples.max(1) as f64),
             levels: self.levels,
             tightness: Tightness::default(),
+            buildings: Vec::new(),
         }
     }
 }
