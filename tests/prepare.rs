@@ -1,5 +1,6 @@
 //! From source files to a world: whole, the same every time, resumable, and nothing half-written.
 #![cfg(feature = "prepare")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
 
 use std::cell::RefCell;
 use std::fs::{self, File};

@@ -187,6 +187,30 @@ impl Part {
         &mut self.levels[usize::from(level)]
     }
 
+    /// One comparison.
+    fn add(&mut self, page: &TerrainPage, (lat_rad, lon_rad, truth_m): Place, drawn_m: f64, is_finest: bool) {
+        let (miss_m, error_m) = ((drawn_m - truth_m).abs(), f64::from(page.error_m));
+        if is_finest {
+            self.samples += 1;
+            self.finest_worst_m = self.finest_worst_m.max(miss_m);
+            self.finest_sum_m += miss_m;
+        }
+        let level = self.level(page.cell.level());
+        level.comparisons += 1;
+        level.worst_ratio = level.worst_ratio.max(miss_m / error_m.max(1e-9));
+        if miss_m > error_m {
+            level.violations += 1;
+            self.examples.push(Violation {
+                cell: page.cell.to_string(),
+                lat_deg: lat_rad.to_degrees(),
+                lon_deg: lon_rad.to_degrees(),
+                truth_m,
+                drawn_m,
+                error_m,
+            });
+        }
+    }
+
     fn merge(mut self, other: Self) -> Self {
         self.samples += other.samples;
         self.finest_worst_m = self.finest_worst_m.max(other.finest_worst_m);
@@ -230,37 +254,18 @@ impl Checker<'_> {
     /// Random posts of a finest cell against it and all cells above.
     fn compare(&self, leaf: CellId, random: &mut Random) -> Result<Part, AgainstError> {
         let mut part = Part::default();
-        let finest = self.page(leaf)?;
-        let mut places = self.random_posts(leaf, random);
-        places.extend((0..VERTICES_PER_CELL).map(|_| self.vertex(&finest, random)));
-        part.samples = places.len() as u64;
+        let posts = self.random_posts(leaf, random);
         for cell in leaf.ancestors() {
             if self.world.index().find(cell).and_then(|node| node.terrain()).is_none() {
                 continue;
             }
-            let page = if cell == leaf { Arc::clone(&finest) } else { self.page(cell)? };
+            let page = self.page(cell)?;
             let surface = page.surface(1.0);
-            for &(lat_rad, lon_rad, truth_m) in &places {
-                let Some(drawn_m) = surface.height_m(lat_rad, lon_rad) else { continue };
-                let miss_m = (drawn_m - truth_m).abs();
-                if cell == leaf {
-                    part.finest_worst_m = part.finest_worst_m.max(miss_m);
-                    part.finest_sum_m += miss_m;
-                }
-                let error_m = f64::from(page.error_m);
-                let level = part.level(cell.level());
-                level.comparisons += 1;
-                level.worst_ratio = level.worst_ratio.max(miss_m / error_m.max(1e-9));
-                if miss_m > error_m {
-                    level.violations += 1;
-                    part.examples.push(Violation {
-                        cell: cell.to_string(),
-                        lat_deg: lat_rad.to_degrees(),
-                        lon_deg: lon_rad.to_degrees(),
-                        truth_m,
-                        drawn_m,
-                        error_m,
-                    });
+            // Bounds hold at source posts and at a mesh's own vertices, not at those of finer meshes.
+            let vertices = (0..VERTICES_PER_CELL).map(|_| self.vertex(&page, random));
+            for (lat_rad, lon_rad, truth_m) in posts.iter().copied().chain(vertices) {
+                if let Some(drawn_m) = surface.height_m(lat_rad, lon_rad) {
+                    part.add(&page, (lat_rad, lon_rad, truth_m), drawn_m, cell == leaf);
                 }
             }
         }
