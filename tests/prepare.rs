@@ -1,5 +1,6 @@
 //! From source files to a world: whole, the same every time, resumable, and nothing half-written.
 #![cfg(feature = "prepare")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
 
 use std::cell::RefCell;
 use std::fs::{self, File};
@@ -153,6 +154,9 @@ fn a_made_up_world_is_whole_and_keeps_its_bounds() {
     assert!(report.samples >= 5000 && report.comparisons > 2 * report.samples, "{report:?}");
     assert_eq!(report.violations, 0, "{:?}", report.examples);
     assert!(report.tightness.tight_share >= 0.5, "{:?}", report.tightness);
+    let town = &report.buildings[0];
+    assert_eq!((town.prisms, town.missing, town.surplus), (30, 0, 0));
+    assert!(town.outline_worst_m <= 0.02 && town.height_worst_m <= 0.02, "{town:?}");
     assert_eq!(report, check_against(&world, &recipe, None, 5000, 1, &|_| {}).unwrap());
 }
 

@@ -8,8 +8,8 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use stoop::prepare::pipeline::{self, BuildOptions, Control, StageDone};
-use stoop::prepare::{Progress, Recipe};
+use stoop::prepare::pipeline::{self, BuildError, BuildOptions, Control, StageDone};
+use stoop::prepare::{PrepareError, Progress, Recipe};
 use stoop::store::{LayerInfo, Manifest};
 use stoop::units::ByteSize;
 
@@ -53,20 +53,18 @@ struct Args {
 
 fn main() -> std::process::ExitCode {
     let args = Args::parse();
-    let json = args.json;
     match run(&args) {
         Ok(()) => std::process::ExitCode::SUCCESS,
         Err(error) => {
-            let stopped = error
-                .downcast_ref::<pipeline::BuildError>()
-                .is_some_and(|e| matches!(e, pipeline::BuildError::Stopped(_)));
-            if json {
-                println!(
-                    "{}",
-                    serde_json::json!({ "event": "error", "stopped": stopped, "message": format!("{error:#}") })
-                );
+            let build = error.downcast_ref::<BuildError>();
+            let stopped = build.is_some_and(|error| matches!(error, BuildError::Stopped(_)));
+            // The library's messages are whole; those of the program are chains.
+            let is_whole = build.is_some() || error.is::<PrepareError>();
+            let message = if is_whole { error.to_string() } else { format!("{error:#}") };
+            if args.json {
+                println!("{}", serde_json::json!({ "event": "error", "stopped": stopped, "message": message }));
             }
-            eprintln!("stoop-prepare: {error:#}");
+            eprintln!("stoop-prepare: {message}");
             std::process::ExitCode::from(if stopped { 130 } else { 1 })
         }
     }

@@ -1,5 +1,6 @@
 //! A world against the sources it was made of: does the drawn terrain keep its bounds, and how tight are they.
 
+use super::against_buildings::{self, BuildingsReport};
 use super::terrain;
 use super::{Elevation, OnProgress, PrepareError, Progress, Recipe};
 use crate::content::{Page, PageId, PageKind, TerrainPage};
@@ -11,6 +12,7 @@ use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::HashMap;
 use std::path::Path;
+use std::sync::atomic::{AtomicU64, Ordering};
 use std::sync::{Arc, Mutex};
 
 /// Posts taken of one finest cell.
@@ -84,9 +86,12 @@ pub struct AgainstReport {
     pub finest_mean_m: f64,
     pub levels: Vec<LevelReport>,
     pub tightness: Tightness,
+    /// Of each collection and rep.
+    pub buildings: Vec<BuildingsReport>,
 }
 
 const EXAMPLES_MAX: usize = 10;
+const ROUNDS_MAX: u32 = 32;
 
 /// Compares at about `samples` random source posts and mesh vertices; the same seed takes the same ones.
 pub fn check_against(
@@ -114,31 +119,41 @@ pub fn check_against(
         return Err(AgainstError::NoTerrain);
     }
     let checker = Checker { world, elevation: &elevation, kept: Mutex::default() };
-    let picks = samples.div_ceil((POSTS_PER_CELL + VERTICES_PER_CELL) as u64);
-    let done = std::sync::atomic::AtomicU64::new(0);
-    let count = |total: u64| {
-        let done = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed) + 1;
-        on_progress(Progress { stage: "compare", item: "terrain", done, total });
+    let picks_of = |samples: u64| samples.div_ceil((POSTS_PER_CELL + VERTICES_PER_CELL) as u64);
+    let done = AtomicU64::new(0);
+    let total = picks_of(samples) + WHOLE_CELLS as u64;
+    let count = || {
+        let done = done.fetch_add(1, Ordering::Relaxed) + 1;
+        on_progress(Progress { stage: "compare", item: "terrain", done, total: total.max(done) });
     };
-    let parts: Vec<Part> = (0..picks)
-        .into_par_iter()
-        .map(|pick| {
-            count(picks + WHOLE_CELLS as u64);
-            let mut random = Random::new(seed, pick);
-            checker.compare(leaves[random.below(leaves.len())], &mut random)
-        })
-        .collect::<Result<_, _>>()?;
-    let mut report = parts.into_iter().fold(Part::default(), Part::merge).report();
+    let mut sum = Part::default();
+    let mut first = 0;
+    // Cells with few posts give fewer samples than asked for: more cells are taken.
+    for _ in 0..ROUNDS_MAX {
+        let picks = picks_of(samples.saturating_sub(sum.samples));
+        let parts: Vec<Part> = (first..first + picks)
+            .into_par_iter()
+            .map(|pick| {
+                count();
+                let mut random = Random::new(seed, pick);
+                checker.compare(leaves[random.below(leaves.len())], &mut random)
+            })
+            .collect::<Result<_, _>>()?;
+        sum = parts.into_iter().fold(sum, Part::merge);
+        first += picks;
+    }
+    let mut report = sum.report();
     let mut random = Random::new(seed, u64::MAX);
     let wholes: Vec<CellId> = (0..WHOLE_CELLS).map(|_| cells[random.below(cells.len())]).collect();
     let ratios: Vec<Option<f64>> = wholes
         .par_iter()
         .map(|&cell| {
-            count(picks + WHOLE_CELLS as u64);
+            count();
             checker.whole(cell)
         })
         .collect::<Result<_, _>>()?;
     report.tightness = tightness(ratios.into_iter().flatten().collect());
+    report.buildings = against_buildings::compare(world, recipe, root, &elevation, on_progress)?;
     Ok(report)
 }
 
@@ -172,6 +187,30 @@ impl Part {
         &mut self.levels[usize::from(level)]
     }
 
+    /// One comparison.
+    fn add(&mut self, page: &TerrainPage, (lat_rad, lon_rad, truth_m): Place, drawn_m: f64, is_finest: bool) {
+        let (miss_m, error_m) = ((drawn_m - truth_m).abs(), f64::from(page.error_m));
+        if is_finest {
+            self.samples += 1;
+            self.finest_worst_m = self.finest_worst_m.max(miss_m);
+            self.finest_sum_m += miss_m;
+        }
+        let level = self.level(page.cell.level());
+        level.comparisons += 1;
+        level.worst_ratio = level.worst_ratio.max(miss_m / error_m.max(1e-9));
+        if miss_m > error_m {
+            level.violations += 1;
+            self.examples.push(Violation {
+                cell: page.cell.to_string(),
+                lat_deg: lat_rad.to_degrees(),
+                lon_deg: lon_rad.to_degrees(),
+                truth_m,
+                drawn_m,
+                error_m,
+            });
+        }
+    }
+
     fn merge(mut self, other: Self) -> Self {
         self.samples += other.samples;
         self.finest_worst_m = self.finest_worst_m.max(other.finest_worst_m);
@@ -197,6 +236,7 @@ impl Part {
             finest_mean_m: self.finest_sum_m / (self.samples.max(1) as f64),
             levels: self.levels,
             tightness: Tightness::default(),
+            buildings: Vec::new(),
         }
     }
 }
@@ -214,37 +254,18 @@ impl Checker<'_> {
     /// Random posts of a finest cell against it and all cells above.
     fn compare(&self, leaf: CellId, random: &mut Random) -> Result<Part, AgainstError> {
         let mut part = Part::default();
-        let finest = self.page(leaf)?;
-        let mut places = self.random_posts(leaf, random);
-        places.extend((0..VERTICES_PER_CELL).map(|_| self.vertex(&finest, random)));
-        part.samples = places.len() as u64;
+        let posts = self.random_posts(leaf, random);
         for cell in leaf.ancestors() {
             if self.world.index().find(cell).and_then(|node| node.terrain()).is_none() {
                 continue;
             }
-            let page = if cell == leaf { Arc::clone(&finest) } else { self.page(cell)? };
+            let page = self.page(cell)?;
             let surface = page.surface(1.0);
-            for &(lat_rad, lon_rad, truth_m) in &places {
-                let Some(drawn_m) = surface.height_m(lat_rad, lon_rad) else { continue };
-                let miss_m = (drawn_m - truth_m).abs();
-                if cell == leaf {
-                    part.finest_worst_m = part.finest_worst_m.max(miss_m);
-                    part.finest_sum_m += miss_m;
-                }
-                let error_m = f64::from(page.error_m);
-                let level = part.level(cell.level());
-                level.comparisons += 1;
-                level.worst_ratio = level.worst_ratio.max(miss_m / error_m.max(1e-9));
-                if miss_m > error_m {
-                    level.violations += 1;
-                    part.examples.push(Violation {
-                        cell: cell.to_string(),
-                        lat_deg: lat_rad.to_degrees(),
-                        lon_deg: lon_rad.to_degrees(),
-                        truth_m,
-                        drawn_m,
-                        error_m,
-                    });
+            // Bounds hold at source posts and at a mesh's own vertices, not at those of finer meshes.
+            let vertices = (0..VERTICES_PER_CELL).map(|_| self.vertex(&page, random));
+            for (lat_rad, lon_rad, truth_m) in posts.iter().copied().chain(vertices) {
+                if let Some(drawn_m) = surface.height_m(lat_rad, lon_rad) {
+                    part.add(&page, (lat_rad, lon_rad, truth_m), drawn_m, cell == leaf);
                 }
             }
         }

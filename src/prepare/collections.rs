@@ -66,7 +66,7 @@ pub fn prepare(
 }
 
 /// What bases count from where a section does not say: what the recipe's last elevation source counts from.
-fn vertical_of(recipe: &Recipe) -> VerticalDatum {
+pub(super) fn vertical_of(recipe: &Recipe) -> VerticalDatum {
     recipe.elevation.last().map_or(VerticalDatum::Egm96, |section| section.vertical)
 }
 

@@ -2,6 +2,7 @@
 //! sees what is in here. Behind the feature `prepare`.
 
 pub mod against;
+pub mod against_buildings;
 pub mod assemble;
 pub mod buildings;
 pub mod collections;

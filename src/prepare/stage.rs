@@ -16,10 +16,10 @@ const RECORD_MAX: usize = 1 << 26;
 
 /// Reading and writing stage files failed.
 #[derive(Debug, thiserror::Error)]
-#[error("{}: {source}; {}", path.display(), remedy(source))]
+#[error("{}: {cause}; {}", path.display(), remedy(cause))]
 pub struct StageError {
     path: PathBuf,
-    source: io::Error,
+    cause: io::Error,
 }
 
 fn remedy(error: &io::Error) -> &'static str {
@@ -49,7 +49,7 @@ impl Stages {
         let mark = format!("{hash:016x}\n");
         let found = std::fs::read_to_string(&hash_file).ok();
         let is_other = found.as_deref().is_some_and(|found| found != mark);
-        let fail = |source| StageError { path: stages.folder.clone(), source };
+        let fail = |cause| StageError { path: stages.folder.clone(), cause };
         if is_other {
             stages.remove()?;
         } else if found.is_none() && std::fs::read_dir(&stages.folder).is_ok_and(|mut entries| entries.next().is_some())
@@ -63,7 +63,7 @@ impl Stages {
 
     /// Removes everything.
     pub fn remove(&self) -> Result<(), StageError> {
-        std::fs::remove_dir_all(&self.folder).map_err(|source| StageError { path: self.folder.clone(), source })
+        std::fs::remove_dir_all(&self.folder).map_err(|cause| StageError { path: self.folder.clone(), cause })
     }
 
     fn path(&self, name: &str) -> PathBuf {
@@ -76,7 +76,7 @@ impl Stages {
         if !path.exists() {
             return Ok(None);
         }
-        let fail = |source| StageError { path: path.clone(), source };
+        let fail = |cause| StageError { path: path.clone(), cause };
         let file = File::open(&path).map_err(fail)?;
         let mut reader = StageReader { path: path.clone(), input: BufReader::new(file), sum: Xxh3::new() };
         let mut head = [0; 16];
@@ -91,8 +91,9 @@ impl Stages {
     pub fn write(&self, name: &str) -> Result<StageWriter, StageError> {
         let path = self.path(name);
         let temporary = path.with_extension("tmp");
-        let file = File::create(&temporary).map_err(|source| StageError { path: temporary.clone(), source })?;
-        let mut writer = StageWriter { path, temporary, output: BufWriter::new(file), sum: Xxh3::new() };
+        let file = File::create(&temporary).map_err(|cause| StageError { path: temporary.clone(), cause })?;
+        let mut writer =
+            StageWriter { path, temporary, output: BufWriter::new(file), sum: Xxh3::new(), is_finished: false };
         writer.put(&MAGIC)?;
         writer.put(&self.hash.to_le_bytes())?;
         Ok(writer)
@@ -108,19 +109,29 @@ pub struct StageWriter {
     temporary: PathBuf,
     output: BufWriter<File>,
     sum: Xxh3,
+    is_finished: bool,
+}
+
+impl Drop for StageWriter {
+    fn drop(&mut self) {
+        if !self.is_finished {
+            // A part of a stage is of no use, and its room may be needed; a failure has been told already.
+            let _ = std::fs::remove_file(&self.temporary);
+        }
+    }
 }
 
 impl StageWriter {
     fn put(&mut self, bytes: &[u8]) -> Result<(), StageError> {
         self.sum.update(bytes);
-        self.output.write_all(bytes).map_err(|source| StageError { path: self.temporary.clone(), source })
+        self.output.write_all(bytes).map_err(|cause| StageError { path: self.temporary.clone(), cause })
     }
 
     /// Empty records are not kept apart from the end.
     pub fn record(&mut self, bytes: &[u8]) -> Result<(), StageError> {
         let len = u32::try_from(bytes.len()).ok().filter(|&len| len > 0 && len as usize <= RECORD_MAX);
         let Some(len) = len else {
-            return Err(StageError { path: self.temporary.clone(), source: invalid("a record of a wrong length") });
+            return Err(StageError { path: self.temporary.clone(), cause: invalid("a record of a wrong length") });
         };
         self.put(&len.to_le_bytes())?;
         self.put(bytes)
@@ -130,10 +141,12 @@ impl StageWriter {
         self.put(&0u32.to_le_bytes())?;
         let sum = self.sum.digest();
         self.put(&sum.to_le_bytes())?;
-        let fail = |source| StageError { path: self.temporary.clone(), source };
-        let file = self.output.into_inner().map_err(|e| fail(e.into_error()))?;
-        file.sync_all().map_err(fail)?;
-        std::fs::rename(&self.temporary, &self.path).map_err(fail)
+        let fail = |cause| StageError { path: self.temporary.clone(), cause };
+        self.output.flush().map_err(fail)?;
+        self.output.get_ref().sync_all().map_err(fail)?;
+        std::fs::rename(&self.temporary, &self.path).map_err(fail)?;
+        self.is_finished = true;
+        Ok(())
     }
 }
 
@@ -145,7 +158,7 @@ pub struct StageReader {
 
 impl StageReader {
     fn fill(&mut self, bytes: &mut [u8]) -> Result<(), StageError> {
-        self.input.read_exact(bytes).map_err(|source| StageError { path: self.path.clone(), source })?;
+        self.input.read_exact(bytes).map_err(|cause| StageError { path: self.path.clone(), cause })?;
         self.sum.update(bytes);
         Ok(())
     }
@@ -170,7 +183,7 @@ impl StageReader {
     }
 
     fn damaged(&self) -> StageError {
-        StageError { path: self.path.clone(), source: invalid("damaged") }
+        StageError { path: self.path.clone(), cause: invalid("damaged") }
     }
 }
 

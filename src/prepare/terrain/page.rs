@@ -1,7 +1,7 @@
 //! Pages of terrain from a plan: quantized heights, the parent's heights, slopes.
 
 use super::pyramid::CellPlan;
-use super::truth::{Truth, post_index, post_place};
+use super::truth::{Truth, post_height_m, post_index, post_place};
 use crate::content::rtin::{Active, Diagonal, Post};
 use crate::content::{POSTS, Surface, TerrainPage, TerrainPost};
 use crate::forest::CellId;
@@ -79,8 +79,7 @@ impl<'a> Grid<'a> {
     fn height_m(&mut self, column: i32, row: i32) -> f64 {
         let at = (row + 1) as usize * GRID_SIDE + (column + 1) as usize;
         if self.heights_m[at].is_nan() {
-            let (lat_rad, lon_rad) = post_place(&self.bounds, column, row);
-            self.heights_m[at] = self.truth.height_m(lat_rad.clamp(-FRAC_PI_2, FRAC_PI_2), wrapped(lon_rad));
+            self.heights_m[at] = post_height_m(self.truth, &self.bounds, column, row);
         }
         self.heights_m[at]
     }
@@ -99,17 +98,5 @@ impl<'a> Grid<'a> {
             let turned = rise.atan() / FRAC_PI_2 / f64::from(TerrainPost::SLOPE_STEP);
             turned.round().clamp(-127.0, 127.0) as i8
         })
-    }
-}
-
-/// Longitudes of −π to π.
-fn wrapped(lon_rad: f64) -> f64 {
-    use std::f64::consts::{PI, TAU};
-    if lon_rad > PI {
-        lon_rad - TAU
-    } else if lon_rad < -PI {
-        lon_rad + TAU
-    } else {
-        lon_rad
     }
 }

@@ -6,6 +6,7 @@ use crate::geodesy::{ECCENTRICITY_SQ, GeoBounds, prime_vertical_radius_m};
 use crate::prepare::elevation::{Elevation, RefineGoals};
 use glam::DVec3;
 use rayon::prelude::*;
+use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
 /// The composite of the elevation sources (design §3): what a world's terrain is measured against.
 pub trait Truth: Sync {
@@ -152,10 +153,7 @@ impl Posts {
     pub fn of(truth: &dyn Truth, cell: CellId) -> Self {
         let bounds = cell.bounds();
         let heights_m = (0..POSTS * POSTS)
-            .map(|at| {
-                let (lat_rad, lon_rad) = post_place(&bounds, (at % POSTS) as i32, (at / POSTS) as i32);
-                truth.height_m(lat_rad, lon_rad)
-            })
+            .map(|at| post_height_m(truth, &bounds, (at % POSTS) as i32, (at / POSTS) as i32))
             .collect();
         Self { heights_m }
     }
@@ -166,6 +164,20 @@ pub fn post_place(bounds: &GeoBounds, column: i32, row: i32) -> (f64, f64) {
     let place = bounds.at(f64::from(column) / SIDE as f64, f64::from(row) / SIDE as f64, 0.0);
     (place.lat_rad, place.lon_rad)
 }
+
+/// The truth at a post; columns and rows one beyond the cell are allowed. All posts at a pole are one place and have
+/// one height, whatever a source's row there says.
+pub fn post_height_m(truth: &dyn Truth, bounds: &GeoBounds, column: i32, row: i32) -> f64 {
+    let (lat_rad, lon_rad) = post_place(bounds, column, row);
+    if lat_rad.abs() >= FRAC_PI_2 - POLE_RAD {
+        return truth.height_m(FRAC_PI_2.copysign(lat_rad), 0.0);
+    }
+    let lon_rad = if lon_rad.abs() > PI { lon_rad - TAU.copysign(lon_rad) } else { lon_rad };
+    truth.height_m(lat_rad, lon_rad)
+}
+
+/// Latitudes as near to a pole as this are the pole: 6 µm.
+const POLE_RAD: f64 = 1e-12;
 
 /// Posts per block of the area of a cell that one job measures.
 const BLOCK_POSTS: f64 = 200_000.0;
