@@ -1,33 +1,16 @@
 //! The last stage: finished pages into packs, index trees and manifest.
 
 use super::Recipe;
+use super::buildings::ObjectsPage;
+use super::collections::Collection;
 use super::pipeline::{BuildError, BuildOptions, Control, for_each_cell};
 use super::stage::Stages;
 use super::task::Task;
 use crate::forest::index::{IndexTree, NodeInfo, ObjectsEntry, TerrainEntry};
 use crate::forest::{CellId, Zone};
-use crate::store::{CollectionInfo, Existing, Manifest, SourceInfo, StoreError, World, WorldWriter};
+use crate::store::{Existing, Manifest, SourceInfo, StoreError, World, WorldWriter};
 use std::collections::BTreeMap;
 use std::path::Path;
-
-/// An encoded page of objects.
-#[derive(Clone, Debug, PartialEq)]
-pub struct ObjectsPage {
-    pub root: CellId,
-    pub bytes: Vec<u8>,
-    /// Largest bounding dimension and reach in the page, metres.
-    pub dimension_m: f64,
-    pub reach_m: f64,
-    /// Lowest and highest point, metres above the ellipsoid.
-    pub height_range_m: (f64, f64),
-}
-
-/// A finished building set.
-pub struct Collection {
-    pub info: CollectionInfo,
-    /// In the order in which they are to lie in the packs.
-    pub pages: Vec<ObjectsPage>,
-}
 
 /// Refuses a place where no world can be written, before any work is done.
 pub fn check_target(out: &Path, replace: bool) -> Result<(), StoreError> {

@@ -4,6 +4,7 @@
 pub mod against;
 pub mod assemble;
 pub mod buildings;
+pub mod collections;
 pub mod crs;
 pub mod elevation;
 pub mod error;

@@ -1,7 +1,8 @@
 //! Recipe → world, in stages: read the sources, the terrain and imagery of each zone, each collection, the world's
 //! files. What a stage made is kept until the world is whole, so that a stopped build goes on where it stopped.
 
-use super::assemble::{self, Collection};
+use super::assemble;
+use super::collections::{self, Collection, TerrainErrors};
 use super::imagery;
 use super::stage::{StageError, StageReader, Stages};
 use super::task::{Stopped, Task};
@@ -10,11 +11,10 @@ use super::zone::{CellPages, EmitError, EncodedTerrain, ZonePages};
 use super::{Elevation, OnProgress, Pictures, PrepareError, Recipe, recipe_hash};
 use crate::forest::index::IndexError;
 use crate::forest::{CellId, Zone};
-use crate::geodesy::GeoBounds;
 use crate::store::{EncodeError, Manifest, StoreError};
 use crate::units::ByteSize;
-use std::collections::{BTreeMap, BTreeSet};
-use std::path::PathBuf;
+use std::collections::BTreeSet;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::AtomicBool;
 use std::time::Instant;
 
@@ -90,7 +90,7 @@ pub fn build(recipe: &Recipe, options: &BuildOptions, control: &Control) -> Resu
     let started = Instant::now();
     let elevation = Elevation::open(recipe, root, half(options.memory), control.on_progress)?;
     let pictures = Pictures::open(recipe, root, half(options.memory), control.on_progress)?;
-    let sources: Vec<_> = elevation.sources().into_iter().chain(pictures.sources()).collect();
+    let mut sources: Vec<_> = elevation.sources().into_iter().chain(pictures.sources()).collect();
     let samples = sources.iter().map(|source| source.count).sum();
     done(control, "read", "sources", samples, 0, started, false);
 
@@ -105,7 +105,10 @@ pub fn build(recipe: &Recipe, options: &BuildOptions, control: &Control) -> Resu
         inputs.zone(zone)?;
     }
     let errors = inputs.errors()?;
-    let collections = inputs.collections(recipe, root, &errors)?;
+    let count = u8::try_from(recipe.buildings.len()).map_err(|_| too_many_collections(recipe))?;
+    let collections: Vec<Collection> =
+        (0..count).map(|number| inputs.collection(recipe, root, &errors, number)).collect::<Result<_, _>>()?;
+    sources.extend(collections.iter().map(|collection| collection.source.clone()));
     if let Some(failure) = elevation.failure() {
         return Err(failure.into());
     }
@@ -124,6 +127,11 @@ pub fn build(recipe: &Recipe, options: &BuildOptions, control: &Control) -> Resu
     Ok(manifest)
 }
 
+fn too_many_collections(recipe: &Recipe) -> PrepareError {
+    let what = format!("{} building sets are too many", recipe.buildings.len());
+    PrepareError::value(recipe.path.display(), "[[buildings]]", what, "a world holds at most 255; join some")
+}
+
 fn half(memory: ByteSize) -> ByteSize {
     ByteSize(memory.0 / 2)
 }
@@ -131,26 +139,6 @@ fn half(memory: ByteSize) -> ByteSize {
 fn done(control: &Control, stage: &'static str, item: &str, count: u64, bytes: u64, since: Instant, resumed: bool) {
     let seconds = since.elapsed().as_secs_f64();
     (control.on_done)(&StageDone { stage, item: item.to_owned(), count, bytes, seconds, resumed });
-}
-
-/// Declared errors of the terrain cells.
-#[derive(Clone, Debug, Default)]
-pub struct TerrainErrors {
-    by_cell: BTreeMap<CellId, f32>,
-}
-
-impl TerrainErrors {
-    /// Of the finest cell at a place, metres.
-    pub fn finest_m(&self, lat_rad: f64, lon_rad: f64) -> f64 {
-        let mut error_m = 0.0;
-        for level in 0..=crate::forest::LEVEL_MAX {
-            match self.by_cell.get(&CellId::containing(lat_rad, lon_rad, level)) {
-                Some(&finer_m) => error_m = f64::from(finer_m),
-                None => break,
-            }
-        }
-        error_m
-    }
 }
 
 struct Inputs<'a> {
@@ -204,7 +192,7 @@ impl Inputs<'_> {
         for zone in Zone::all() {
             for_each_cell(self.stages, zone, &mut |cell, pages| {
                 if let Some(terrain) = pages.terrain {
-                    errors.by_cell.insert(cell, terrain.error_m);
+                    errors.insert(cell, terrain.error_m);
                 }
                 Ok(())
             })?;
@@ -212,22 +200,29 @@ impl Inputs<'_> {
         Ok(errors)
     }
 
-    fn collections(
+    fn collection(
         &self,
         recipe: &Recipe,
-        root: &std::path::Path,
+        root: &Path,
         errors: &TerrainErrors,
-    ) -> Result<Vec<Collection>, BuildError> {
-        let _ = (root, errors);
-        let task = self.task("buildings", "", recipe.buildings.len() as u64);
-        recipe
-            .buildings
-            .iter()
-            .map(|section| {
-                task.step()?;
-                Err(PrepareError::unsupported(&section.file, "[[buildings]]", "a building set", "take it out").into())
-            })
-            .collect()
+        number: u8,
+    ) -> Result<Collection, BuildError> {
+        let started = Instant::now();
+        let section = &recipe.buildings[usize::from(number)];
+        let report = |collection: &Collection, resumed| {
+            let bytes = collection.pages.iter().map(|page| page.bytes.len() as u64).sum();
+            done(self.control, "objects", &section.name, collection.info.objects, bytes, started, resumed);
+        };
+        if let Some(collection) = collections::kept(number.into(), self.stages)? {
+            report(&collection, true);
+            return Ok(collection);
+        }
+        self.task("objects", &section.name, 0).step()?;
+        let collection =
+            collections::prepare(recipe, section, number, root, self.elevation, errors, self.control.on_progress)?;
+        collections::keep(&collection, number.into(), self.stages)?;
+        report(&collection, false);
+        Ok(collection)
     }
 }
 
@@ -286,9 +281,4 @@ pub fn for_each_cell(
         visit(cell, pages)?;
     }
     Ok(())
-}
-
-/// West, south, east, north in degrees.
-pub fn bounds_deg(bounds: &GeoBounds) -> [f64; 4] {
-    [bounds.west_rad, bounds.south_rad, bounds.east_rad, bounds.north_rad].map(f64::to_degrees)
 }
