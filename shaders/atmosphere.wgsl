@@ -40,13 +40,8 @@ fn path_to_space(height_m: f32, cosine: f32, scale_m: f32) -> f32 {
 fn path_to(from_eye: vec3<f32>, height_m: f32, up: vec3<f32>, scale_m: f32) -> f32 {
     let length_m = length(from_eye);
     let eye_m = frame.eye.w;
-    if eye_m <= LOW_EYE_M {
-        return path_in_air(eye_m, height_m, length_m, scale_m);
-    }
+    // Without a branch on the frame: lavapipe compiles a shader anew whenever a uniform that it branches on is bound.
     let out = path_to_space(height_m, -dot(from_eye, up) / length_m, scale_m);
-    if eye_m >= HIGH_EYE_M {
-        return out;
-    }
     let near = path_in_air(eye_m, height_m, length_m, scale_m);
     return mix(near, out, smoothstep(LOW_EYE_M, HIGH_EYE_M, eye_m));
 }

@@ -47,11 +47,9 @@ fn height_at(from_eye: vec3<f32>) -> f32 {
 
 // How far the ground at a point is pressed down to keep the eye above it.
 fn press_at(from_eye: vec3<f32>) -> f32 {
-    if frame.press.x <= 0.0 {
-        return 0.0;
-    }
+    // Without a branch on the frame: lavapipe compiles a shader anew whenever a uniform that it branches on is bound.
     let across = length(from_eye - frame.zenith.xyz * dot(from_eye, frame.zenith.xyz));
-    return frame.press.x * (1.0 - smoothstep(frame.press.y, 2.0 * frame.press.y, across));
+    return frame.press.x * (1.0 - smoothstep(max(frame.press.y, 1e-3), max(2.0 * frame.press.y, 2e-3), across));
 }
 
 // 1 by day, 0 by night, from the height of the sun over the local horizon.

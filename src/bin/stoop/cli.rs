@@ -1,7 +1,6 @@
 //! What the subcommands share: values as people write them, and errors of one line.
 
 use std::fmt;
-use std::path::PathBuf;
 use std::process::ExitCode;
 use stoop::units::ByteSize;
 
@@ -43,8 +42,21 @@ impl std::error::Error for WrongUsage {}
 
 /// Prints an error in one line and chooses the exit status.
 pub fn explain(error: &anyhow::Error) -> ExitCode {
-    eprintln!("stoop: {}", one_line(&format!("{error:#}")));
+    eprintln!("stoop: {}", one_line(&with_causes(error)));
     if error.is::<NotYet>() || error.is::<WrongUsage>() { ExitCode::from(USAGE) } else { ExitCode::FAILURE }
+}
+
+/// The message and its causes, less those that the message tells already.
+fn with_causes(error: &anyhow::Error) -> String {
+    let mut said = String::new();
+    for cause in error.chain().map(ToString::to_string) {
+        if said.is_empty() {
+            said = cause;
+        } else if !said.contains(&cause) {
+            said = format!("{said}: {cause}");
+        }
+    }
+    said
 }
 
 /// Help and version as they are; errors of usage in one line.
@@ -113,7 +125,7 @@ pub fn bytes(text: &str) -> Result<ByteSize, String> {
 }
 
 /// Makes sure that a folder is there to write into.
-pub fn make_folder(folder: &PathBuf) -> anyhow::Result<()> {
+pub fn make_folder(folder: &std::path::Path) -> anyhow::Result<()> {
     use anyhow::Context;
     std::fs::create_dir_all(folder)
         .with_context(|| format!("cannot make the folder {}: check its place and rights", folder.display()))

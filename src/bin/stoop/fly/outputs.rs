@@ -36,6 +36,10 @@ impl Outputs {
         for folder in arguments.frames.iter().chain(&arguments.aov) {
             cli::make_folder(folder)?;
         }
+        // A flight must not end without its report for want of a folder.
+        if let Some(folder) = arguments.report.as_deref().and_then(Path::parent).filter(|folder| *folder != Path::new("")) {
+            cli::make_folder(folder)?;
+        }
         let video = match &arguments.video {
             Some(file) => Some(Video::create(file, arguments.size.0, 1.0 / step_s)?),
             None => None,
