@@ -27,7 +27,7 @@ fn fly(engine: &mut Engine, audit: u32) -> Vec<FrameReport> {
         let request = FrameRequest { view, t_s: f64::from(number) / 60.0, ids: audited };
         let mut report = engine.frame(&request).unwrap();
         if audited {
-            report.holes = Some(engine.count_holes(&request).unwrap());
+            engine.audit(&request, &mut report).unwrap();
         }
         reports.push(report);
     }

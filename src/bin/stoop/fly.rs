@@ -301,7 +301,7 @@ impl Flight {
             self.log.first_frame_ms = Some(self.opened.elapsed().as_secs_f64() * 1000.0);
         }
         if audit {
-            report.holes = Some(self.engine.count_holes(&request)?);
+            self.engine.audit(&request, &mut report)?;
         }
         self.outputs.write(&mut self.engine, due, self.size_px)?;
         for failure in self.engine.take_failures() {
