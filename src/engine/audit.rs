@@ -11,7 +11,7 @@ const REACH_MAX_PX: usize = 64;
 pub struct Uncovered {
     /// All of them.
     pub pixels: u64,
-    /// Those further inside than a silhouette may move: drawn error shifts the border against the sky, and is counted
+    /// Those further inside, and from the picture's edge, than a silhouette may move: drawn error shifts the border against the sky, and is counted
     /// as error already.
     pub holes: u64,
 }
@@ -42,9 +42,13 @@ pub fn compare(drawn: &[u32], settled: &[u32], width_px: usize, reach_px: usize)
 
 fn is_near_sky(ids: &[u32], width_px: usize, at: usize, reach_px: usize) -> bool {
     let (x, y) = (at % width_px, at / width_px);
-    let rows = y.saturating_sub(reach_px)..=(y + reach_px).min(ids.len() / width_px - 1);
-    let columns = x.saturating_sub(reach_px)..(x + reach_px + 1).min(width_px);
-    rows.into_iter().any(|row| ids[row * width_px..][columns.clone()].contains(&SKY_ID))
+    let height_px = ids.len() / width_px;
+    // Beyond the picture's edge there may be sky.
+    if x < reach_px || y < reach_px || x + reach_px >= width_px || y + reach_px >= height_px {
+        return true;
+    }
+    let columns = x - reach_px..x + reach_px + 1;
+    (y - reach_px..=y + reach_px).any(|row| ids[row * width_px..][columns.clone()].contains(&SKY_ID))
 }
 
 #[cfg(test)]
@@ -54,14 +58,16 @@ mod tests {
     #[test]
     fn sky_inside_what_the_settled_frame_covers_is_a_hole_and_a_moved_border_is_not() {
         // The upper row of the settled frame is sky.
-        let settled = [[0; 5], [7; 5], [7; 5], [7; 5]].concat();
+        let settled = [[0; 5], [7; 5], [7; 5], [7; 5], [7; 5]].concat();
         let mut drawn = settled.clone();
         drawn[5 + 2] = 0;
         assert_eq!(compare(&drawn, &settled, 5, 1), Uncovered { pixels: 1, holes: 0 });
         drawn[3 * 5 + 1] = 0;
         assert_eq!(compare(&drawn, &settled, 5, 1), Uncovered { pixels: 2, holes: 1 });
+        drawn[4 * 5] = 0;
+        assert_eq!(compare(&drawn, &settled, 5, 1), Uncovered { pixels: 3, holes: 1 }, "the picture's edge");
         assert!(may_have_holes(&drawn) && !may_have_holes(&[3, 4]));
         // What the settled frame does not show either is no hole.
-        assert_eq!(compare(&[0; 20], &[0; 20], 5, 1), Uncovered::default());
+        assert_eq!(compare(&[0; 25], &[0; 25], 5, 1), Uncovered::default());
     }
 }
