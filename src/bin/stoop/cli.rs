@@ -176,10 +176,9 @@ pub fn write_whole(
         Ok(())
     };
     attempt()
-        .map_err(|error| {
+        .inspect_err(|_| {
             // The file may never have come to be; the first error is the one to tell.
             drop(std::fs::remove_file(&partial));
-            error
         })
         .with_context(|| format!("cannot write {}: check its folder, rights and free space", path.display()))
 }
