@@ -46,14 +46,9 @@ fn vs_main(vertex: TerrainVertex, @builtin(instance_index) instance: u32) -> Ter
     let piece = pieces[instance];
     let own_from_eye = vertex.position_m + piece.offset;
     let up = up_at(own_from_eye);
-    let skirt_m = vertex.slope_skirt.z * piece.skirt_m;
-    let rise_m = vertex.morph_m * (1.0 - piece.own) - skirt_m - press_at(own_from_eye);
+    let rise_m = vertex.morph_m * (1.0 - piece.own) - vertex.slope_skirt.z * piece.skirt_m - press_at(own_from_eye);
+    let from_eye = own_from_eye + up * rise_m;
     let east = east_at(up);
-    // Skirts spread outwards as they fall: chords of unlike length along a parallel part sideways too, and a view
-    // straight down would see between upright ones.
-    let outward = select(vec2<f32>(0.0), vec2<f32>(-1.0), vertex.uv <= vec2<f32>(0.0))
-        + select(vec2<f32>(0.0), vec2<f32>(1.0), vertex.uv >= vec2<f32>(1.0));
-    let from_eye = own_from_eye + up * rise_m + (east * outward.x + cross(up, east) * outward.y) * skirt_m;
     let slope = tan(clamp(vertex.slope_skirt.xy, vec2<f32>(-0.96), vec2<f32>(0.96)) * 1.5707963);
     let normal = normalize(up - slope.x * east - slope.y * cross(up, east));
     let level = dot(up, frame.sun.xyz);
@@ -65,10 +60,6 @@ fn vs_main(vertex: TerrainVertex, @builtin(instance_index) instance: u32) -> Ter
     out.piece = instance;
     return out;
 }
-
-// Heights of the eye between which the drawn ground's own height ceases to count for the air before it, metres.
-const COARSE_EYE_LOW_M: f32 = 1e4;
-const COARSE_EYE_HIGH_M: f32 = 1e5;
 
 // The colour of ground without imagery, linear.
 fn tint(height_m: f32) -> vec3<f32> {
@@ -93,10 +84,7 @@ fn terrain_color(in: TerrainVarying) -> vec3<f32> {
     // Pictures often have their own relief: shade them less than plain ground.
     let relief = clamp(1.0 + in.sun.y * select(1.3, 0.6, textured), 0.35, 1.5);
     let day = smoothstep(-0.12, 0.25, in.sun.x);
-    // From high up the coarse surface may lie kilometres below the ground it stands for, the middle of a wide triangle
-    // more than its corners: it must not be hazier for it, so there the air ends at sea level.
-    let air_m = height_m * (1.0 - smoothstep(COARSE_EYE_LOW_M, COARSE_EYE_HIGH_M, frame.eye.w));
-    return through_air(albedo * relief * mix(0.04, 1.0, day), in.from_eye, air_m, up);
+    return through_air(albedo * relief * mix(0.04, 1.0, day), in.from_eye, height_m, up);
 }
 
 @fragment

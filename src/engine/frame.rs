@@ -1,6 +1,6 @@
 //! One frame, in order (design, "One frame"): completions, selection, requests, lifts, drawing, report.
 
-use super::audit::{count_holes, may_have_holes};
+use super::audit::{Uncovered, compare, may_have_holes, silhouette_px};
 use super::footprint::Partition;
 use super::levels::DrawnLevels;
 use super::lift::Ground;
@@ -203,6 +203,7 @@ impl Engine {
             resident_pages: stats.resident_pages,
             footprint_bytes: traffic.footprint_max_bytes,
             holes: None,
+            uncovered_px: None,
             timings,
         }
     }
@@ -234,12 +235,21 @@ impl Engine {
         }
     }
 
-    /// Pixels that the settled frame of the view covers and the frame just drawn, with ids, does not.
-    pub fn count_holes(&mut self, request: &FrameRequest) -> Result<u64, EngineError> {
+    /// Compares the frame just drawn, with ids, with the settled frame of its view, and completes its report.
+    pub fn audit(&mut self, request: &FrameRequest, report: &mut FrameReport) -> Result<(), EngineError> {
         let drawn = self.read_ids()?;
-        if !may_have_holes(&drawn) {
-            return Ok(0);
-        }
+        let uncovered = if may_have_holes(&drawn) {
+            let settled = self.settled_ids(request)?;
+            compare(&drawn, &settled, request.view.size_px[0] as usize, silhouette_px(report))
+        } else {
+            Uncovered::default()
+        };
+        report.holes = Some(uncovered.holes);
+        report.uncovered_px = Some(uncovered.pixels);
+        Ok(())
+    }
+
+    fn settled_ids(&mut self, request: &FrameRequest) -> Result<Vec<u32>, EngineError> {
         let twin = match &mut self.twin {
             Some(twin) => twin,
             none => {
@@ -248,7 +258,7 @@ impl Engine {
             }
         };
         twin.frame(&FrameRequest { ids: true, ..*request })?;
-        Ok(count_holes(&drawn, &twin.read_ids()?))
+        Ok(twin.read_ids()?)
     }
 }
 

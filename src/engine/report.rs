@@ -46,8 +46,11 @@ pub struct FrameReport {
     pub resident_pages: u64,
     /// Bytes allocated for pages, GPU arenas, decode scratch and index, at their highest in this frame.
     pub footprint_bytes: u64,
-    /// Pixels that the settled frame covers and this one does not; `None` where not audited.
+    /// Pixels that the settled frame covers and this one does not, further from the settled frame's own sky than the
+    /// drawn error can move a silhouette; `None` where not audited.
     pub holes: Option<u64>,
+    /// The same with the silhouettes.
+    pub uncovered_px: Option<u64>,
     #[serde(skip)]
     pub timings: FrameTimings,
 }

@@ -88,6 +88,8 @@ pub struct FlightSummary {
     pub debt_peak_px: f64,
     pub tolerance_drawn_max_px: f64,
     pub audited_frames: u64,
+    /// Holes and pixels by which silhouettes moved, together.
+    pub uncovered_px: Option<u64>,
     pub evicted: u64,
     pub level_switches: u64,
 }
@@ -153,6 +155,7 @@ impl FlightLog {
             debt_peak_px: highest(|frame| frame.debt_px),
             tolerance_drawn_max_px: highest(|frame| frame.tolerance_drawn_px),
             audited_frames: audited.len() as u64,
+            uncovered_px: (!audited.is_empty()).then(|| total(|frame| frame.uncovered_px.unwrap_or(0))),
             evicted: total(|frame| frame.evicted),
             level_switches: total(|frame| u64::from(frame.level_switches)),
         }

@@ -62,8 +62,7 @@ fn verify(world: &World, json: bool) -> anyhow::Result<ExitCode> {
 fn against(world: &World, recipe: &std::path::Path, arguments: &Arguments) -> anyhow::Result<ExitCode> {
     use stoop::prepare::{Recipe, against::check_against};
     let recipe = Recipe::read(recipe)?;
-    let report =
-        check_against(world, &recipe, arguments.root.as_deref(), arguments.samples, arguments.seed, &|_| {})?;
+    let report = check_against(world, &recipe, arguments.root.as_deref(), arguments.samples, arguments.seed, &|_| {})?;
     if arguments.json {
         println!("{}", serde_json::to_string_pretty(&report)?);
     } else {
@@ -94,7 +93,12 @@ fn print_against(report: &stoop::prepare::against::AgainstReport) {
     for violation in &report.examples {
         println!(
             "violation: cell {} at {:.6} {:.6}: drawn {:.3} m, truth {:.3} m, declared {:.3} m",
-            violation.cell, violation.lon_deg, violation.lat_deg, violation.drawn_m, violation.truth_m, violation.error_m
+            violation.cell,
+            violation.lon_deg,
+            violation.lat_deg,
+            violation.drawn_m,
+            violation.truth_m,
+            violation.error_m
         );
     }
 }

@@ -175,12 +175,12 @@ pub fn write_whole(
         std::fs::rename(&partial, path)?;
         Ok(())
     };
-    attempt().map_err(|error| {
-        // The file may never have come to be; the first error is the one to tell.
-        drop(std::fs::remove_file(&partial));
-        error
-    })
-    .with_context(|| format!("cannot write {}: check its folder, rights and free space", path.display()))
+    attempt()
+        .inspect_err(|_| {
+            // The file may never have come to be; the first error is the one to tell.
+            drop(std::fs::remove_file(&partial));
+        })
+        .with_context(|| format!("cannot write {}: check its folder, rights and free space", path.display()))
 }
 
 /// The exit status of a check.

@@ -59,7 +59,10 @@ fn write_collection(world: &World, name: &str, rep: u8, out: &Path) -> anyhow::R
     let collections = &world.manifest().collections;
     let at = collections.iter().position(|info| info.name == name).with_context(|| {
         let names: Vec<_> = collections.iter().map(|info| info.name.as_str()).collect();
-        format!("the world has no collection {name:?}: it has {}", if names.is_empty() { "none".into() } else { names.join(", ") })
+        format!(
+            "the world has no collection {name:?}: it has {}",
+            if names.is_empty() { "none".into() } else { names.join(", ") }
+        )
     })?;
     let mut count = 0;
     cli::write_whole(out, |file| {

@@ -52,7 +52,8 @@ impl Surfaces<'_> {
         if self.page.as_ref().is_none_or(|(held, _)| *held != bounds) {
             self.page = self.finest_page(wanted)?.map(|page| (bounds, page));
         }
-        let height_m = self.page.as_ref().and_then(|(_, page)| page.surface_height_m(place.lat_rad, place.lon_rad, 1.0));
+        let height_m =
+            self.page.as_ref().and_then(|(_, page)| page.surface_height_m(place.lat_rad, place.lon_rad, 1.0));
         Ok(height_m.map_or(f32::NAN, |height_m| height_m as f32))
     }
 

@@ -293,7 +293,7 @@ impl Flight {
     fn fly_frame(&mut self, t_s: f64) -> anyhow::Result<f64> {
         let view = View::new(self.path.at(t_s), self.path.fovy_rad(), self.size_px);
         let due = self.outputs.due(t_s);
-        let audit = self.audit_every > 0 && self.log.frames.len() as u64 % u64::from(self.audit_every) == 0;
+        let audit = self.audit_every > 0 && (self.log.frames.len() as u64).is_multiple_of(u64::from(self.audit_every));
         let request = FrameRequest { view, t_s, ids: audit || due.wants_aov() };
         let mut report = self.engine.frame(&request)?;
         let drawn = Instant::now();
@@ -301,7 +301,7 @@ impl Flight {
             self.log.first_frame_ms = Some(self.opened.elapsed().as_secs_f64() * 1000.0);
         }
         if audit {
-            report.holes = Some(self.engine.count_holes(&request)?);
+            self.engine.audit(&request, &mut report)?;
         }
         self.outputs.write(&mut self.engine, due, self.size_px)?;
         for failure in self.engine.take_failures() {

@@ -121,7 +121,10 @@ fn print(probed: &Probed) {
         println!("  imagery cell {cell}, texel {texel_m:.2} m");
     }
     for object in &probed.objects {
-        println!("  {} {}: {:.2} to {:.2} m, in cell {}", object.collection, object.id, object.base_m, object.top_m, object.cell);
+        println!(
+            "  {} {}: {:.2} to {:.2} m, in cell {}",
+            object.collection, object.id, object.base_m, object.top_m, object.cell
+        );
         for (name, value) in object.attributes.as_object().into_iter().flatten() {
             println!("    {name} = {value}");
         }

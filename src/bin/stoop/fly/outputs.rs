@@ -37,7 +37,9 @@ impl Outputs {
             cli::make_folder(folder)?;
         }
         // A flight must not end without its report for want of a folder.
-        if let Some(folder) = arguments.report.as_deref().and_then(Path::parent).filter(|folder| *folder != Path::new("")) {
+        if let Some(folder) =
+            arguments.report.as_deref().and_then(Path::parent).filter(|folder| *folder != Path::new(""))
+        {
             cli::make_folder(folder)?;
         }
         let video = match &arguments.video {
