@@ -41,14 +41,24 @@ struct Aov {
     @location(2) depth_m: f32,
 }
 
+// -1 on the southern border of a piece, 1 on the northern one.
+fn rim(v: f32) -> f32 {
+    return f32(v >= 1.0) - f32(v <= 0.0);
+}
+
+// Skirts lean outward along parallels: the chord of a parallel lies towards the pole by tan(latitude) times as far as
+// it lies below the ellipsoid, so that from above a gap would show beside a network with other posts.
+const STEEPEST: f32 = 8.0;
+
 @vertex
 fn vs_main(vertex: TerrainVertex, @builtin(instance_index) instance: u32) -> TerrainVarying {
     let piece = pieces[instance];
     let own_from_eye = vertex.position_m + piece.offset;
     let up = up_at(own_from_eye);
     let rise_m = vertex.morph_m * (1.0 - piece.own) - vertex.slope_skirt.z * piece.skirt_m - press_at(own_from_eye);
-    let from_eye = own_from_eye + up * rise_m;
     let east = east_at(up);
+    let flare_m = vertex.slope_skirt.z * piece.skirt_m * rim(vertex.uv.y) * min(abs(up.z) / length(up.xy), STEEPEST);
+    let from_eye = own_from_eye + up * rise_m + cross(up, east) * flare_m;
     let slope = tan(clamp(vertex.slope_skirt.xy, vec2<f32>(-0.96), vec2<f32>(0.96)) * 1.5707963);
     let normal = normalize(up - slope.x * east - slope.y * cross(up, east));
     let level = dot(up, frame.sun.xyz);
@@ -60,6 +70,10 @@ fn vs_main(vertex: TerrainVertex, @builtin(instance_index) instance: u32) -> Ter
     out.piece = instance;
     return out;
 }
+
+// Heights of the eye between which the drawn ground's own height ceases to count for the air before it, metres.
+const COARSE_EYE_LOW_M: f32 = 1e4;
+const COARSE_EYE_HIGH_M: f32 = 1e5;
 
 // The colour of ground without imagery, linear.
 fn tint(height_m: f32) -> vec3<f32> {
@@ -84,7 +98,10 @@ fn terrain_color(in: TerrainVarying) -> vec3<f32> {
     // Pictures often have their own relief: shade them less than plain ground.
     let relief = clamp(1.0 + in.sun.y * select(1.3, 0.6, textured), 0.35, 1.5);
     let day = smoothstep(-0.12, 0.25, in.sun.x);
-    return through_air(albedo * relief * mix(0.04, 1.0, day), in.from_eye, height_m, up);
+    // From high up the coarse surface may lie kilometres below the ground it stands for, the middle of a wide triangle
+    // more than its corners: it must not be hazier for it, so there the air ends at sea level.
+    let air_m = height_m * (1.0 - smoothstep(COARSE_EYE_LOW_M, COARSE_EYE_HIGH_M, frame.eye.w));
+    return through_air(albedo * relief * mix(0.04, 1.0, day), in.from_eye, air_m, up);
 }
 
 @fragment

@@ -81,23 +81,28 @@ impl Engine {
     pub fn frame(&mut self, request: &FrameRequest) -> Result<FrameReport, EngineError> {
         let started = Instant::now();
         let mut timings = FrameTimings::default();
-        let selection = self.advance(request, &mut timings);
+        let (selection, waited) = self.advance(request, &mut timings);
         timed(&mut timings.lift_ms, || self.lift(&selection));
         let options = DrawOptions { aov: request.ids, ..DrawOptions::default() };
         let view = &request.view;
         let drawn = timed(&mut timings.render_ms, || self.draw(view, &selection, &options))?;
         timings.frame_ms = started.elapsed().as_secs_f64() * 1000.0;
         self.residency.usage.drawn(&selection);
-        Ok(self.report(request, &selection, &drawn, timings))
+        let mut report = self.report(request, &selection, &drawn, timings);
+        report.would_have_waited = waited;
+        Ok(report)
     }
 
     /// Completions, selection and requests; once, or until settled. In lock-step, what this frame's budget could read
-    /// is drawn in this frame.
-    fn advance(&mut self, request: &FrameRequest, timings: &mut FrameTimings) -> Selection {
+    /// is drawn in this frame. Also tells whether a page of the front was missing when the frame began: there a
+    /// renderer that reads on demand would have waited (Varadhan & Manocha 2002, §5).
+    fn advance(&mut self, request: &FrameRequest, timings: &mut FrameTimings) -> (Selection, bool) {
+        let mut waited = None;
         loop {
             let now_s = request.t_s + self.waited_s;
             timed(&mut timings.complete_ms, || self.residency.receive(now_s, &mut self.renderer));
             let mut selection = timed(&mut timings.select_ms, || self.choose(&request.view));
+            let waited = *waited.get_or_insert(selection.stats.pages_missing > 0);
             let hurt = timed(&mut timings.manage_ms, || self.residency.manage(&selection, now_s, &mut self.renderer));
             if hurt {
                 selection = timed(&mut timings.select_ms, || self.select_at(&request.view, self.tolerance.factor()));
@@ -107,9 +112,9 @@ impl Engine {
                 Mode::Settled if !self.is_settled() => {}
                 Mode::LockStep if self.residency.manager.stats().in_flight > 0 => {
                     timed(&mut timings.complete_ms, || self.residency.receive(now_s, &mut self.renderer));
-                    return timed(&mut timings.select_ms, || self.choose(&request.view));
+                    return (timed(&mut timings.select_ms, || self.choose(&request.view)), waited);
                 }
-                _ => return selection,
+                _ => return (selection, waited),
             }
         }
     }
@@ -191,7 +196,7 @@ impl Engine {
             triangles: drawn.triangles,
             draw_calls: drawn.draw_calls,
             pages_missing: chosen.pages_missing,
-            would_have_waited: chosen.pages_missing > 0,
+            would_have_waited: false,
             ground_pressed: selection.press.is_some(),
             bytes_read: traffic.bytes_read,
             seeks: traffic.seeks,

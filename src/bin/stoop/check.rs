@@ -68,7 +68,8 @@ fn against(world: &World, recipe: &std::path::Path, arguments: &Arguments) -> an
     } else {
         print_against(&report);
     }
-    Ok(cli::clean(report.violations == 0))
+    let lost = report.buildings.iter().any(|set| set.missing + set.surplus > 0);
+    Ok(cli::clean(report.violations == 0 && !lost))
 }
 
 #[cfg(feature = "prepare")]
@@ -90,6 +91,21 @@ fn print_against(report: &stoop::prepare::against::AgainstReport) {
         tight.tight_share * 100.0,
         tight.median_ratio
     );
+    for set in &report.buildings {
+        println!(
+            "{} rep {}: {} prisms, {} missing, {} surplus; outline off by {:.3} m at most, {:.4} m in the mean; \
+             height {:.3} m, {:.4} m",
+            set.name,
+            set.rep,
+            set.prisms,
+            set.missing,
+            set.surplus,
+            set.outline_worst_m,
+            set.outline_mean_m,
+            set.height_worst_m,
+            set.height_mean_m
+        );
+    }
     for violation in &report.examples {
         println!(
             "violation: cell {} at {:.6} {:.6}: drawn {:.3} m, truth {:.3} m, declared {:.3} m",
