@@ -91,7 +91,8 @@ fn a_tiff_without_georeference() {
 fn an_unknown_crs() {
     let case = Case::new();
     case.write("a.geojson", FOOTPRINT);
-    let recipe = "name = \"bad\"\n[[buildings]]\nname = \"b\"\nfile = \"a.geojson\"\nheight = 10\ncrs = \"EPSG:123456\"\n";
+    let recipe =
+        "name = \"bad\"\n[[buildings]]\nname = \"b\"\nfile = \"a.geojson\"\nheight = 10\ncrs = \"EPSG:123456\"\n";
     case.refuses(recipe, &["EPSG:123456", "not known"]);
 }
 
@@ -190,13 +191,10 @@ fn a_full_disk() {
         pixel.0 = state.to_be_bytes()[..3].try_into().unwrap();
     }
     picture.save(case.path("noise.png")).unwrap();
-    let recipe = case.write(
-        "recipe.toml",
-        "name = \"big\"\n[[imagery]]\nfile = \"noise.png\"\nbounds_deg = [-180, -90, 180, 90]\n",
-    );
+    let recipe = case
+        .write("recipe.toml", "name = \"big\"\n[[imagery]]\nfile = \"noise.png\"\nbounds_deg = [-180, -90, 180, 90]\n");
     let out = disk.0.join("world");
-    let output =
-        run(env!("CARGO_BIN_EXE_stoop-prepare"), &[recipe.to_str().unwrap(), "--out", out.to_str().unwrap()]);
+    let output = run(env!("CARGO_BIN_EXE_stoop-prepare"), &[recipe.to_str().unwrap(), "--out", out.to_str().unwrap()]);
     says(&output, &["space"]);
     assert!(!out.join("world.json").exists(), "a world was left behind");
 }

@@ -29,7 +29,8 @@ fn the_world_is_whole_small_and_credits_its_sources() {
     let bytes = info["pack_bytes"].as_u64().unwrap() + info["index_bytes"].as_u64().unwrap();
     assert!(bytes <= 32 << 20, "{bytes} bytes");
     for credit in ["ETOPO5", "SRTM", "Blue Marble", "OpenStreetMap"] {
-        let credited = info["sources"].as_array().unwrap().iter().any(|s| s["credit"].as_str().unwrap().contains(credit));
+        let credited =
+            info["sources"].as_array().unwrap().iter().any(|s| s["credit"].as_str().unwrap().contains(credit));
         assert!(credited, "{credit}");
     }
 }

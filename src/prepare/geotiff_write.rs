@@ -22,7 +22,8 @@ pub fn write_geotiff(
     let partial = path.with_file_name(name);
     let attempt = || -> Result<(), tiff::TiffError> {
         let file = std::io::BufWriter::new(std::fs::File::create(&partial)?);
-        let mut encoder = TiffEncoder::new(file)?.with_compression(tiff::encoder::Compression::Deflate(Default::default()));
+        let mut encoder =
+            TiffEncoder::new(file)?.with_compression(tiff::encoder::Compression::Deflate(Default::default()));
         let mut image = encoder.new_image::<Gray32Float>(columns, rows)?;
         let tags = image.encoder();
         tags.write_tag(Tag::ModelPixelScaleTag, &[step_deg, step_deg, 0.0][..])?;
