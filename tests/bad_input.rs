@@ -1,5 +1,7 @@
 //! Bad input through the real programs: one clear error that names the file and the remedy, nothing half-written.
 
+#![expect(clippy::unwrap_used, reason = "a test that cannot go on fails")]
+
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
