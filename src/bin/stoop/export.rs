@@ -49,10 +49,18 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         let count = write_collection(&world, name, arguments.rep, &arguments.out)?;
         println!("{count} features written to {}", arguments.out.display());
     } else if let (Some(cli::BoundsDeg(bounds)), Some(level)) = (arguments.bounds, arguments.level) {
-        let [width, height] = crate::export_terrain::write(&world, bounds, level, &arguments.out)?;
+        let [width, height] = write_terrain(&world, bounds, level, &arguments.out)?;
         println!("{width} × {height} posts written to {}", arguments.out.display());
     }
     Ok(ExitCode::SUCCESS)
+}
+
+#[cfg(feature = "prepare")]
+use crate::export_terrain::write as write_terrain;
+
+#[cfg(not(feature = "prepare"))]
+fn write_terrain(_: &World, _: [f64; 4], _: u8, _: &Path) -> anyhow::Result<[u32; 2]> {
+    Err(cli::NotYet::new("GeoTIFF without the feature `prepare`", "build stoop with it").into())
 }
 
 fn write_collection(world: &World, name: &str, rep: u8, out: &Path) -> anyhow::Result<u64> {

@@ -11,7 +11,6 @@ use stoop::store::{StoreError, World};
 const POSTS_MAX: f64 = 400e6;
 
 /// Heights on the posts of `level` inside `[west, south, east, north]` degrees; returns width and height.
-#[cfg(feature = "prepare")]
 pub fn write(world: &World, [west, south, east, north]: [f64; 4], level: u8, out: &Path) -> anyhow::Result<[u32; 2]> {
     let step_deg = ZONE_DEG / (POSTS - 1) as f64 / f64::from(1u32 << level);
     let (columns, rows) = (((east - west) / step_deg).floor() + 1.0, ((north - south) / step_deg).floor() + 1.0);
@@ -30,11 +29,6 @@ pub fn write(world: &World, [west, south, east, north]: [f64; 4], level: u8, out
     }
     stoop::prepare::write_geotiff(out, [columns, rows], [west, north], step_deg, &heights)?;
     Ok([columns, rows])
-}
-
-#[cfg(not(feature = "prepare"))]
-pub fn write(_: &World, _: [f64; 4], _: u8, _: &Path) -> anyhow::Result<[u32; 2]> {
-    Err(crate::cli::NotYet::new("GeoTIFF without the feature `prepare`", "build stoop with it").into())
 }
 
 /// Terrain pages, read as a walk over neighbouring places needs them: the last one is kept.

@@ -3,6 +3,7 @@
 mod check;
 mod cli;
 mod export;
+#[cfg(feature = "prepare")]
 mod export_terrain;
 mod fly;
 mod info;
