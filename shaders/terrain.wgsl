@@ -75,6 +75,10 @@ fn vs_main(vertex: TerrainVertex, @builtin(instance_index) instance: u32) -> Ter
 const COARSE_EYE_LOW_M: f32 = 1e4;
 const COARSE_EYE_HIGH_M: f32 = 1e5;
 
+// Texels across a pixel between which a picture counts as blurred and as sharp.
+const BLURRED_TEXELS: f32 = 0.02;
+const SHARP_TEXELS: f32 = 0.2;
+
 // The colour of ground without imagery, linear.
 fn tint(height_m: f32) -> vec3<f32> {
     let sea = vec3<f32>(0.012, 0.035, 0.075);
@@ -95,8 +99,12 @@ fn terrain_color(in: TerrainVarying) -> vec3<f32> {
     let up = up_at(in.from_eye);
     let height_m = height_at(in.from_eye);
     let albedo = select(tint(height_m), picture, textured);
-    // Pictures often have their own relief: shade them less than plain ground.
-    let relief = clamp(1.0 + in.sun.y * select(1.3, 0.6, textured), 0.35, 1.5);
+    // Pictures often have their own relief: shade them less than plain ground, unless their texels are so much wider
+    // than pixels that they show none.
+    let texels = fwidth(in.uv) * f32(textureDimensions(imagery).x);
+    let blurred = 1.0 - smoothstep(BLURRED_TEXELS, SHARP_TEXELS, max(texels.x, texels.y));
+    let strength = select(1.3, mix(0.6, 2.4, blurred), textured);
+    let relief = clamp(1.0 + in.sun.y * strength, 0.35, 1.8);
     let day = smoothstep(-0.12, 0.25, in.sun.x);
     // From high up the coarse surface may lie kilometres below the ground it stands for, the middle of a wide triangle
     // more than its corners: it must not be hazier for it, so there the air ends at sea level.

@@ -23,8 +23,8 @@ FLIGHTS = {
     },
     # Over the Marin Headlands, with the strait and San Francisco ahead.
     "golden-gate": {
-        "route": [(-122.5100, 37.8460), (-122.4990, 37.8380), (-122.4880, 37.8290), (-122.4790, 37.8190)],
-        "end_above_m": 180.0, "end_pitch_deg": -9.0, "heading_deg": 135.0, "late_above_m": 220.0,
+        "route": [(-122.5350, 37.8640), (-122.5200, 37.8520), (-122.5050, 37.8400), (-122.4900, 37.8280)],
+        "end_above_m": 700.0, "end_pitch_deg": -14.0, "heading_deg": 135.0, "late_above_m": 500.0,
     },
 }
 

@@ -5,6 +5,7 @@ mod georeferenced;
 use super::paint::OsmPainter;
 use super::placement::overlap;
 use super::raster::picture::{to_linear, to_srgb};
+use super::relief::ReliefPainter;
 use super::source::{SourceFile, resolve};
 use super::{OnProgress, PrepareError, Progress, Recipe};
 use crate::geodesy::GeoBounds;
@@ -57,6 +58,10 @@ impl Pictures {
         let mut sources: Vec<Box<dyn PictureSource>> = Vec::new();
         let mut room = Room { left_bytes: memory.0, limit: memory };
         for section in &recipe.imagery {
+            if section.heights {
+                sources.push(Box::new(ReliefPainter::open(section, root, memory, progress)?));
+                continue;
+            }
             let files = resolve(root, &section.file, &EXTENSIONS)?;
             let total = files.len() as u64;
             let mut set = Vec::new();

@@ -19,6 +19,7 @@ pub mod placement;
 pub mod raster;
 pub mod recipe;
 mod recipe_hash;
+mod relief;
 pub mod source;
 pub mod stage;
 pub mod task;

@@ -86,6 +86,9 @@ pub struct ImagerySection {
     pub layer: Option<String>,
     /// Width of the seam with coarser pictures, metres; by default 8 of its own texels.
     pub feather_m: Option<f64>,
+    /// The file holds heights: sea (0 and below) and land are painted by them.
+    #[serde(default)]
+    pub heights: bool,
     /// Ground size of a texel of what is painted, metres; default [`DEFAULT_PAINT_TEXEL_M`].
     pub texel_m: Option<f64>,
     #[serde(default)]

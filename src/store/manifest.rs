@@ -115,7 +115,7 @@ pub struct CostPoint {
     pub cost: f64,
 }
 
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct SourceInfo {
     pub kind: String,
     pub file: String,

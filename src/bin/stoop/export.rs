@@ -98,8 +98,8 @@ fn write_collection(world: &World, name: &str, rep: u8, out: &Path) -> anyhow::R
 
 fn feature(prism: &Prism, attributes: &str) -> serde_json::Value {
     let mut properties: serde_json::Map<_, _> = serde_json::from_str(attributes).unwrap_or_default();
-    properties.insert("base_m".into(), json!(prism.base_m));
-    properties.insert("top_m".into(), json!(prism.top_m));
+    properties.insert("base_m".into(), json!(metres(prism.base_m)));
+    properties.insert("top_m".into(), json!(metres(prism.top_m)));
     let degrees = |[lon, lat]: &[f64; 2]| json!([rounded(lon.to_degrees()), rounded(lat.to_degrees())]);
     let rings: Vec<Vec<_>> =
         prism.rings.iter().map(|ring| ring.iter().chain(ring.first()).map(degrees).collect()).collect();
@@ -109,6 +109,11 @@ fn feature(prism: &Prism, attributes: &str) -> serde_json::Value {
         "geometry": { "type": "Polygon", "coordinates": rings },
         "properties": properties,
     })
+}
+
+/// To a millimetre.
+fn metres(value: f32) -> f64 {
+    (f64::from(value) * 1e3).round() / 1e3
 }
 
 /// To 10⁻⁹ degrees, 0.1 mm.
