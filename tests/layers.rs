@@ -29,10 +29,7 @@ const TABLE: [(&str, &[&str]); 18] = [
 
 /// Crates that only the named modules may use.
 const CRATES: [(&[&str], &[&str]); 3] = [
-    (
-        &["proj", "tiff", "netcdf3", "zip", "geojson", "flatgeobuf", "geozero", "osmpbf", "tiny_skia", "exmex"],
-        &["prepare"],
-    ),
+    (&["proj", "tiff", "zip", "geojson", "flatgeobuf", "geozero", "osmpbf", "tiny_skia", "exmex"], &["prepare"]),
     (&["wgpu"], &["render"]),
     (&["memmap2"], &["store"]),
 ];
@@ -179,6 +176,29 @@ fn the_code_keeps_the_table() {
     }
     assert!(modules.len() >= 12, "the walk found only {modules:?}");
     assert!(found.is_empty(), "{}", found.join("\n"));
+}
+
+#[test]
+fn the_architecture_prints_the_table_that_is_enforced() {
+    let text =
+        std::fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("ARCHITECTURE.md")).expect("readable");
+    let rows: BTreeMap<String, String> = text
+        .lines()
+        .filter_map(|line| {
+            let cells: Vec<_> = line.trim_matches('|').split('|').map(str::trim).collect();
+            let [module, _, uses] = cells[..] else { return None };
+            Some((module.strip_prefix('`')?.strip_suffix('`')?.to_owned(), uses.to_owned()))
+        })
+        .collect();
+    for (module, uses) in TABLE {
+        let expected = match (module, uses) {
+            ("storage" | "layout" | "simulate" | "chart" | "lib", _) => continue,
+            ("engine", _) => "all above but prepare".to_owned(),
+            (_, []) => "–".to_owned(),
+            _ => uses.join(", "),
+        };
+        assert_eq!(rows.get(module), Some(&expected), "{module}");
+    }
 }
 
 #[test]

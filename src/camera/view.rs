@@ -58,7 +58,7 @@ impl View {
         f64::from(self.size_px[1]) / (2.0 * (self.fov_y_rad / 2.0).tan())
     }
 
-    /// Screen-space size of `size_m` at `distance_m`, which counts as at least 1 m (design: screen error).
+    /// Screen-space size of `size_m` at `distance_m`, which counts as at least 1 m.
     pub fn projected_px(&self, size_m: f64, distance_m: f64) -> f64 {
         size_m * self.focal_px() / distance_m.max(1.0)
     }

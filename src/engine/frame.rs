@@ -1,4 +1,4 @@
-//! One frame, in order (design, "One frame"): completions, selection, requests, lifts, drawing, report.
+//! One frame, in order: completions, selection, requests, lifts, drawing, report.
 
 use super::audit::{Uncovered, compare, may_have_holes, silhouette_px};
 use super::footprint::Partition;

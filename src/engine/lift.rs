@@ -1,4 +1,4 @@
-//! Objects stand on the terrain that is drawn (design, Objects): where coarse terrain lies above an object's base, the
+//! Objects stand on the terrain that is drawn: where coarse terrain lies above an object's base, the
 //! object is lifted by the difference, and comes back as the terrain arrives.
 //!
 //! Where the finest terrain of the world is drawn there is no lift: the walls were fitted to it at preparation.

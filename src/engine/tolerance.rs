@@ -1,5 +1,5 @@
 //! Quality degrades when the front does not fit into the footprint: the tolerance is raised, and comes back as soon as
-//! it can (design, Budgets).
+//! it can.
 
 /// A step of the tolerance, up or down.
 const STEP: f64 = 1.1;

@@ -4,7 +4,7 @@
 //! sixteenth of the footprint is kept back for pages that turn out larger than their estimate. What is dropped for
 //! another page was not demanded in this update, or was only predicted; of it, the least recently demanded first. The
 //! front is never dropped for itself: where it does not fit, [`RequestManager::needs_coarser`] says so, and the engine
-//! raises the tolerance (design §6).
+//! raises the tolerance.
 
 use super::estimate::{Estimator, largest_bytes};
 use super::policy::{is_front, ranked};

@@ -1,6 +1,7 @@
 //! Heights as a GeoTIFF: float32 metres in EPSG:4326, pixel is point (OGC GeoTIFF 1.1).
 
 use super::PrepareError;
+use crate::store::write_whole;
 use std::path::Path;
 use tiff::encoder::{TiffEncoder, colortype::Gray32Float};
 use tiff::tags::Tag;
@@ -17,11 +18,7 @@ pub fn write_geotiff(
     step_deg: f64,
     heights_m: &[f32],
 ) -> Result<(), PrepareError> {
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".partial");
-    let partial = path.with_file_name(name);
-    let attempt = || -> Result<(), tiff::TiffError> {
-        let file = std::io::BufWriter::new(std::fs::File::create(&partial)?);
+    let written = write_whole(path, |file| -> Result<(), tiff::TiffError> {
         let mut encoder =
             TiffEncoder::new(file)?.with_compression(tiff::encoder::Compression::Deflate(Default::default()));
         let mut image = encoder.new_image::<Gray32Float>(columns, rows)?;
@@ -30,13 +27,9 @@ pub fn write_geotiff(
         tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, north_west[0], north_west[1], 0.0][..])?;
         tags.write_tag(Tag::GeoKeyDirectoryTag, &GEO_KEYS[..])?;
         tags.write_tag(Tag::GdalNodata, "nan")?;
-        image.write_data(heights_m)?;
-        std::fs::rename(&partial, path)?;
-        Ok(())
-    };
-    attempt().map_err(|error| {
-        // It may never have come to be; the first error is the one to tell.
-        drop(std::fs::remove_file(&partial));
+        image.write_data(heights_m)
+    });
+    written.map_err(|error| {
         let source = match error {
             tiff::TiffError::IoError(source) => source,
             other => std::io::Error::other(other),

@@ -213,6 +213,14 @@ impl Recipe {
         if self.elevation.is_empty() && self.imagery.is_empty() && self.buildings.is_empty() {
             return Err(bad("", "holds no sources; add [[elevation]], [[imagery]] or [[buildings]]".into()));
         }
+        let layered = self.imagery.iter().any(|section| section.layer.is_some())
+            || self.buildings.iter().any(|section| section.layer.is_some());
+        if layered {
+            return Err(bad(
+                "layer",
+                "`layer` names a variable of a netCDF file of elevation; take it out here".into(),
+            ));
+        }
         for section in &self.elevation {
             if let Some([low, high]) =
                 section.clamp_m.filter(|[low, high]| low >= high || low.is_nan() || high.is_nan())

@@ -1,5 +1,5 @@
 //! The pages of a zone in the order in which they lie in its pack: the children of a cell together, then what is below
-//! each of them; a cell's imagery behind its terrain (design §4).
+//! each of them; a cell's imagery behind its terrain.
 
 use super::task::{Stopped, Task};
 use super::terrain::{self, Truth, ZonePlan};

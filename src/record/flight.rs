@@ -2,14 +2,16 @@
 
 use super::Distribution;
 use crate::engine::{FrameReport, FrameTimings};
+use crate::store::write_whole;
 use serde::Serialize;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 
 /// Beside the report: what each frame did.
 pub const FRAMES_FILE: &str = "frames.csv";
 /// Beside the report: how long each frame took on this machine.
 pub const TIMINGS_FILE: &str = "timings.csv";
-/// A frame is sharp once this share of the screen has no excess (design, arrivals).
+/// A frame is sharp once this share of the screen has no excess.
 pub const SHARP_COVERAGE: f64 = 0.99;
 
 #[derive(Debug, thiserror::Error)]
@@ -188,11 +190,11 @@ impl FlightLog {
     /// Writes the report to `file`, and frames and timings beside it. Each file appears whole or not at all.
     pub fn write(&self, file: &Path) -> Result<(), RecordError> {
         let folder = file.parent().unwrap_or(Path::new("."));
-        write_whole(&folder.join(FRAMES_FILE), self.frames_csv())?;
-        write_whole(&folder.join(TIMINGS_FILE), self.timings_csv())?;
+        write_file(&folder.join(FRAMES_FILE), self.frames_csv())?;
+        write_file(&folder.join(TIMINGS_FILE), self.timings_csv())?;
         let mut text = to_json(file, &self.summary())?;
         text.push('\n');
-        write_whole(file, &text)
+        write_file(file, &text)
     }
 
     /// A header of names, then a line for each frame.
@@ -241,22 +243,10 @@ fn cell(value: &serde_json::Value) -> String {
     }
 }
 
-/// Writes to a temporary name beside the file and renames; devices are written as they are.
-pub(super) fn write_whole(file: &Path, contents: impl AsRef<[u8]>) -> Result<(), RecordError> {
-    let fail = |source| RecordError::Write { file: file.to_owned(), source };
-    let plain = std::fs::metadata(file).map_or(true, |known| known.is_file());
-    if !plain {
-        return std::fs::write(file, contents).map_err(fail);
-    }
-    let mut name = file.file_name().unwrap_or_default().to_owned();
-    name.push(".partial");
-    let partial = file.with_file_name(name);
-    let written = std::fs::write(&partial, contents).and_then(|()| std::fs::rename(&partial, file));
-    if written.is_err() {
-        // The first error is the one to tell.
-        let _ = std::fs::remove_file(&partial);
-    }
-    written.map_err(fail)
+/// All of a file at once, under its name once it is whole.
+pub(super) fn write_file(file: &Path, contents: impl AsRef<[u8]>) -> Result<(), RecordError> {
+    write_whole(file, |out| out.write_all(contents.as_ref()))
+        .map_err(|source: std::io::Error| RecordError::Write { file: file.to_owned(), source })
 }
 
 #[cfg(test)]
@@ -284,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn a_report_has_every_key_of_the_design_even_without_a_frame() {
+    fn a_report_has_every_promised_key_even_without_a_frame() {
         let json = serde_json::to_value(FlightLog::default().summary()).unwrap();
         for key in "world mode policy size_px tolerance_px frames seconds first_frame_ms frame_ms cpu_ms triangles \
                     debt_px debt_px_s debt_bound_px_s excess_px raw_error_px holes ground_pressed_frames \

@@ -1,6 +1,6 @@
 //! Pictures on disk: colours as PNG, ids and depth as NumPy arrays.
 
-use super::flight::{RecordError, write_whole};
+use super::flight::{RecordError, write_file};
 use image::{ExtendedColorType, ImageEncoder, codecs::png};
 use std::path::Path;
 
@@ -22,12 +22,12 @@ pub fn write_png(file: &Path, size_px: [u32; 2], rgba: &[u8]) -> Result<(), Reco
     png::PngEncoder::new_with_quality(&mut bytes, png::CompressionType::Fast, png::FilterType::Adaptive)
         .write_image(&rgb, size_px[0], size_px[1], ExtendedColorType::Rgb8)
         .map_err(|error| RecordError::Encode { file: file.to_owned(), cause: error.to_string() })?;
-    write_whole(file, bytes)
+    write_file(file, bytes)
 }
 
 /// Writes a text file whole or not at all.
 pub fn write_text(file: &Path, text: &str) -> Result<(), RecordError> {
-    write_whole(file, text)
+    write_file(file, text)
 }
 
 /// Numbers that NumPy reads.
@@ -45,7 +45,7 @@ impl NpyScalar for f32 {
 
 /// Writes an array of height × width numbers, rows from the top (NumPy format 1.0, little-endian).
 pub fn write_npy<T: NpyScalar>(file: &Path, size_px: [u32; 2], values: &[T]) -> Result<(), RecordError> {
-    write_whole(file, npy(size_px, values))
+    write_file(file, npy(size_px, values))
 }
 
 fn npy<T: NpyScalar>(size_px: [u32; 2], values: &[T]) -> Vec<u8> {

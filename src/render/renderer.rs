@@ -161,7 +161,7 @@ impl Renderer {
         self.targets()?.read_color(&self.gpu)
     }
 
-    /// The ids of the last picture (design: AOV), rows from the top; 0 is the sky.
+    /// The ids of the last picture, rows from the top; 0 is the sky.
     pub fn read_ids(&self) -> Result<Vec<u32>, RenderError> {
         self.targets()?.read_ids(&self.gpu)
     }

@@ -1,5 +1,5 @@
 //! The ground under the eye: its chain of cells is demanded before all else, and where the drawn surface would bury the
-//! eye it is pressed down (design §6).
+//! eye it is pressed down.
 
 use super::GroundPress;
 use super::demands::DemandList;

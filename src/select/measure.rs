@@ -1,4 +1,4 @@
-//! Debt and excess (design §7): errors count only as far as the world can cure them at the tolerance asked for.
+//! Debt and excess: errors count only as far as the world can cure them at the tolerance asked for.
 
 use super::SelectStats;
 

@@ -127,7 +127,7 @@ pub fn select(index: &IndexForest, cells: &LiveTree, view: &View, params: &Selec
 
 /// The same where memory or time lack: the front is that of `drawn_tolerance_px`, which is at least
 /// `params.tolerance_px`, and objects below a threshold raised by the same factor are left out. Debt and excess stay
-/// those of the tolerance asked for (design §7).
+/// those of the tolerance asked for.
 pub fn select_raised(
     index: &IndexForest,
     cells: &LiveTree,

@@ -1,5 +1,5 @@
 //! Objects: pages in view above the threshold are demanded, and of the resident ones the cells and objects above it are
-//! drawn (Davis et al. 1999, §V; design §5). One metric for paging and drawing: the projected bounding dimension.
+//! drawn (Davis et al. 1999, §V). One metric for paging and drawing: the projected bounding dimension.
 //!
 //! Cells know their objects by centre; an object reaches at most half its reach beyond its cell, so bounds grow by that.
 

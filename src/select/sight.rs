@@ -47,7 +47,7 @@ impl<'a> Sight<'a> {
     }
 
     /// Share of the screen, 0 to 1, of the quad between the corners of a cell at `height_m`, clipped to the viewport;
-    /// parts behind the horizon do not count, what stands in front of it does not hide it (design §7).
+    /// parts behind the horizon do not count, what stands in front of it does not hide it.
     pub fn screen_share(&self, bounds: &GeoBounds, height_m: f64) -> f64 {
         let side = bounds.width_rad().max(bounds.height_rad());
         let parts = (side / QUAD_MAX_RAD).ceil().clamp(1.0, 8.0) as u32;

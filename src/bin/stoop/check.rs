@@ -28,7 +28,7 @@ pub struct Arguments {
     /// Source posts to draw
     #[arg(long, default_value = "100000", requires = "against")]
     samples: u64,
-    /// Of the chance that draws them
+    /// Seed of the random draw of posts
     #[arg(long, default_value = "0", requires = "against")]
     seed: u64,
     /// Print JSON instead of text
@@ -47,13 +47,13 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
 fn verify(world: &World, json: bool) -> anyhow::Result<ExitCode> {
     let report = world.verify(&mut |_, _| {});
     if json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
+        cli::sayln!("{}", serde_json::to_string_pretty(&report)?);
     } else {
-        println!("{} nodes, {} pages, {} bytes verified", report.nodes, report.pages, report.bytes);
+        cli::sayln!("{} nodes, {} pages, {} bytes verified", report.nodes, report.pages, report.bytes);
         for problem in &report.problems {
-            println!("{}: {}", problem.place, problem.what);
+            cli::sayln!("{}: {}", problem.place, problem.what);
         }
-        println!("{}", if report.problems.is_empty() { "clean" } else { "not clean" });
+        cli::sayln!("{}", if report.problems.is_empty() { "clean" } else { "not clean" });
     }
     Ok(cli::clean(report.problems.is_empty()))
 }
@@ -64,7 +64,7 @@ fn against(world: &World, recipe: &std::path::Path, arguments: &Arguments) -> an
     let recipe = Recipe::read(recipe)?;
     let report = check_against(world, &recipe, arguments.root.as_deref(), arguments.samples, arguments.seed, &|_| {})?;
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&report)?);
+        cli::sayln!("{}", serde_json::to_string_pretty(&report)?);
     } else {
         print_against(&report);
     }
@@ -74,17 +74,20 @@ fn against(world: &World, recipe: &std::path::Path, arguments: &Arguments) -> an
 
 #[cfg(feature = "prepare")]
 fn print_against(report: &stoop::prepare::against::AgainstReport) {
-    println!("{} places, {} comparisons, {} violations", report.samples, report.comparisons, report.violations);
-    println!("finest cells: largest error {:.3} m, mean {:.3} m", report.finest_worst_m, report.finest_mean_m);
-    println!("level  comparisons  violations  worst measured / declared");
+    cli::sayln!("{} places, {} comparisons, {} violations", report.samples, report.comparisons, report.violations);
+    cli::sayln!("finest cells: largest error {:.3} m, mean {:.3} m", report.finest_worst_m, report.finest_mean_m);
+    cli::sayln!("level  comparisons  violations  worst measured / declared");
     for level in &report.levels {
-        println!(
+        cli::sayln!(
             "{:>5}  {:>11}  {:>10}  {:>12.3}",
-            level.level, level.comparisons, level.violations, level.worst_ratio
+            level.level,
+            level.comparisons,
+            level.violations,
+            level.worst_ratio
         );
     }
     let tight = &report.tightness;
-    println!(
+    cli::sayln!(
         "tight within 2×: {} of {} land cells ({:.0} %), median measured / declared {:.3}",
         tight.tight_cells,
         tight.land_cells,
@@ -92,7 +95,7 @@ fn print_against(report: &stoop::prepare::against::AgainstReport) {
         tight.median_ratio
     );
     for set in &report.buildings {
-        println!(
+        cli::sayln!(
             "{} rep {}: {} prisms, {} missing, {} surplus; outline off by {:.3} m at most, {:.4} m in the mean; \
              height {:.3} m, {:.4} m",
             set.name,
@@ -107,7 +110,7 @@ fn print_against(report: &stoop::prepare::against::AgainstReport) {
         );
     }
     for violation in &report.examples {
-        println!(
+        cli::sayln!(
             "violation: cell {} at {:.6} {:.6}: drawn {:.3} m, truth {:.3} m, declared {:.3} m",
             violation.cell,
             violation.lon_deg,

@@ -7,7 +7,7 @@ use stoop::units::ByteSize;
 /// Exit status for wrong usage; 1 stands for work that failed.
 pub const USAGE: u8 = 2;
 
-/// Something that the design names and this version cannot do.
+/// Something that is planned and that this version cannot do.
 #[derive(Debug)]
 pub struct NotYet {
     what: String,
@@ -158,32 +158,13 @@ impl std::str::FromStr for BoundsDeg {
     }
 }
 
-/// Writes a file under a temporary name beside it and renames it once it is whole: a failure leaves nothing.
-pub fn write_whole(
-    path: &std::path::Path,
-    write: impl FnOnce(&mut dyn std::io::Write) -> anyhow::Result<()>,
-) -> anyhow::Result<()> {
-    use anyhow::Context;
-    use std::io::Write;
-    let mut name = path.file_name().unwrap_or_default().to_owned();
-    name.push(".partial");
-    let partial = path.with_file_name(name);
-    let attempt = || -> anyhow::Result<()> {
-        let mut file = std::io::BufWriter::new(std::fs::File::create(&partial)?);
-        write(&mut file)?;
-        file.flush()?;
-        std::fs::rename(&partial, path)?;
-        Ok(())
-    };
-    attempt()
-        .inspect_err(|_| {
-            // The file may never have come to be; the first error is the one to tell.
-            drop(std::fs::remove_file(&partial));
-        })
-        .with_context(|| format!("cannot write {}: check its folder, rights and free space", path.display()))
-}
-
 /// The exit status of a check.
 pub fn clean(is_clean: bool) -> ExitCode {
     if is_clean { ExitCode::SUCCESS } else { ExitCode::FAILURE }
 }
+
+/// Prints a line to standard output; see [`say`].
+macro_rules! sayln {
+    ($($part:tt)*) => { $crate::cli::say(&format!("{}\n", format_args!($($part)*))) };
+}
+pub(crate) use sayln;

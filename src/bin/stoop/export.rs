@@ -4,10 +4,11 @@ use crate::cli;
 use crate::place::for_each_objects_page;
 use anyhow::Context;
 use serde_json::json;
+use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use stoop::content::{PageId, PageKind, Prism};
-use stoop::store::World;
+use stoop::store::{World, write_whole};
 
 const EXAMPLES: &str = "\
 GeoJSON: longitudes and latitudes in degrees; each feature has its attributes, and base_m and top_m above the WGS84
@@ -27,16 +28,16 @@ pub struct Arguments {
     #[arg(long, value_name = "NAME", conflicts_with = "terrain", required_unless_present = "terrain")]
     collection: Option<String>,
     /// Which approximation of the objects; 0 is the finest
-    #[arg(long, default_value = "0")]
+    #[arg(long, default_value = "0", conflicts_with = "terrain")]
     rep: u8,
     /// Write terrain
     #[arg(long, requires = "bounds", requires = "level")]
     terrain: bool,
     /// Degrees: west,south,east,north
-    #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true)]
+    #[arg(long, value_name = "W,S,E,N", allow_hyphen_values = true, conflicts_with = "collection")]
     bounds: Option<cli::BoundsDeg>,
     /// Level of the forest, 0 to 22: posts are 45 / 64 / 2^L degrees apart
-    #[arg(long, value_name = "L", value_parser = clap::value_parser!(u8).range(0..=22))]
+    #[arg(long, value_name = "L", conflicts_with = "collection", value_parser = clap::value_parser!(u8).range(0..=22))]
     level: Option<u8>,
     /// The file to write: .geojson or .tif
     #[arg(long, value_name = "FILE")]
@@ -47,10 +48,10 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let world = World::open(&arguments.world)?;
     if let Some(name) = &arguments.collection {
         let count = write_collection(&world, name, arguments.rep, &arguments.out)?;
-        println!("{count} features written to {}", arguments.out.display());
+        cli::sayln!("{count} features written to {}", arguments.out.display());
     } else if let (Some(cli::BoundsDeg(bounds)), Some(level)) = (arguments.bounds, arguments.level) {
         let [width, height] = write_terrain(&world, bounds, level, &arguments.out)?;
-        println!("{width} × {height} posts written to {}", arguments.out.display());
+        cli::sayln!("{width} × {height} posts written to {}", arguments.out.display());
     }
     Ok(ExitCode::SUCCESS)
 }
@@ -73,7 +74,7 @@ fn write_collection(world: &World, name: &str, rep: u8, out: &Path) -> anyhow::R
         )
     })?;
     let mut count = 0;
-    cli::write_whole(out, |file| {
+    write_whole(out, |file| -> anyhow::Result<()> {
         write!(file, "{{\"type\":\"FeatureCollection\",\"features\":[")?;
         for_each_objects_page(world, &|_| true, &mut |root, entry| {
             if usize::from(entry.collection) != at || entry.rep != rep {
@@ -89,10 +90,11 @@ fn write_collection(world: &World, name: &str, rep: u8, out: &Path) -> anyhow::R
             }
             Ok(())
         })?;
+        anyhow::ensure!(count > 0 || rep == 0, "collection {name:?} has no rep {rep}: 0 is the finest");
         writeln!(file, "\n]}}")?;
         Ok(())
-    })?;
-    anyhow::ensure!(count > 0 || rep == 0, "collection {name:?} has no rep {rep}: 0 is the finest");
+    })
+    .with_context(|| format!("cannot write {}", out.display()))?;
     Ok(count)
 }
 

@@ -19,8 +19,8 @@ use stoop::units::ByteSize;
 
 const DETAILS: &str = "\
 How a flight runs:
-  without a mode   lock-step: frames at fixed steps, what a frame asks for is there in the next; the same input gives
-                   the same frames, requests and figures on every run
+  without a mode   lock-step: frames at fixed steps, a frame draws what its budget reads; the same input gives
+                   the same frames, requests and figures on every run, machine times apart
   --settled        every frame waits until nothing is left to load: the reference for accuracy
   --live           frames follow the real clock, threads read and decode; writing pictures and audits stops the clock
 
@@ -95,7 +95,7 @@ pub struct Arguments {
     /// Make reads fail (not in this version)
     #[arg(long, value_name = "SPEC")]
     faults: Option<String>,
-    /// Seed of everything random; nothing is in this version
+    /// Seed of --faults and of random policies (no effect in this version)
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Allowed screen-space error, pixels of the given size

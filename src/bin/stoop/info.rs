@@ -1,5 +1,6 @@
 //! `stoop info`.
 
+use crate::cli;
 use anyhow::Context;
 use serde_json::json;
 use std::path::PathBuf;
@@ -34,28 +35,28 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if arguments.json {
         let mut value = serde_json::to_value(manifest).context("the manifest as JSON")?;
         value["index_resident_bytes"] = json!(world.index().byte_len());
-        println!("{}", serde_json::to_string_pretty(&value)?);
+        cli::sayln!("{}", serde_json::to_string_pretty(&value)?);
         return Ok(ExitCode::SUCCESS);
     }
-    println!("{}: format {}, {}", manifest.name, manifest.version, manifest.datum);
+    cli::sayln!("{}: format {}, {}", manifest.name, manifest.version, manifest.datum);
     let (low_m, high_m) = manifest.height_range_m;
-    println!("heights {low_m:.1} to {high_m:.1} m, {} zones", manifest.zones.len());
-    println!("packs {}, index {}", ByteSize(manifest.pack_bytes), ByteSize(manifest.index_bytes));
+    cli::sayln!("heights {low_m:.1} to {high_m:.1} m, {} zones", manifest.zones.len());
+    cli::sayln!("packs {}, index {}", ByteSize(manifest.pack_bytes), ByteSize(manifest.index_bytes));
     for (name, layer, across) in [("terrain", &manifest.terrain, 64.0), ("imagery", &manifest.imagery, 256.0)] {
         match layer {
             Some(layer) => print_layer(name, layer, across),
-            None => println!("\n{name}: none"),
+            None => cli::sayln!("\n{name}: none"),
         }
     }
     for collection in &manifest.collections {
         print_collection(collection);
     }
-    println!("\nsources");
+    cli::sayln!("\nsources");
     for source in &manifest.sources {
         let spacing = if source.spacing_m > 0.0 { format!("{:.2} m, ", source.spacing_m) } else { String::new() };
-        println!("  {} {}: {spacing}{} {}", source.kind, source.file, source.count, unit_of(&source.kind));
+        cli::sayln!("  {} {}: {spacing}{} {}", source.kind, source.file, source.count, unit_of(&source.kind));
         if !source.credit.is_empty() || !source.licence.is_empty() {
-            println!("    {} ({})", source.credit, source.licence);
+            cli::sayln!("    {} ({})", source.credit, source.licence);
         }
     }
     Ok(ExitCode::SUCCESS)
@@ -72,36 +73,49 @@ fn unit_of(kind: &str) -> &'static str {
 fn print_layer(name: &str, layer: &LayerInfo, across: f64) {
     let pages: u64 = layer.pages_by_level.iter().sum();
     let bytes: u64 = layer.bytes_by_level.iter().sum();
-    println!("\n{name}: {pages} pages, {}", ByteSize(bytes));
-    println!("  level  spacing_m      pages        bytes");
+    cli::sayln!("\n{name}: {pages} pages, {}", ByteSize(bytes));
+    cli::sayln!("  level  spacing_m      pages        bytes");
     for (level, (pages, bytes)) in layer.pages_by_level.iter().zip(&layer.bytes_by_level).enumerate() {
         let spacing_m = ZONE_DEG * DEGREE_M / f64::from(1u32 << level) / across;
-        println!("  {level:>5}  {spacing_m:>9.2}  {pages:>9}  {bytes:>11}");
+        cli::sayln!("  {level:>5}  {spacing_m:>9.2}  {pages:>9}  {bytes:>11}");
     }
 }
 
 fn print_collection(info: &CollectionInfo) {
-    println!("\ncollection {}: {} objects in {} pages, {}", info.name, info.objects, info.pages, ByteSize(info.bytes));
-    let [west, south, east, north] = info.bounds_deg;
-    println!("  from {west:.5} {south:.5} to {east:.5} {north:.5} degrees");
-    println!(
-        "  changeover level {} (by the rule for one size: {}), {} objects in coarser cells",
-        info.changeover_level, info.vgis_level, info.large_objects
+    cli::sayln!(
+        "\ncollection {}: {} objects in {} pages, {}",
+        info.name,
+        info.objects,
+        info.pages,
+        ByteSize(info.bytes)
     );
-    println!("  work of a query   level     cells   objects     large     pages      cost");
+    let [west, south, east, north] = info.bounds_deg;
+    cli::sayln!("  from {west:.5} {south:.5} to {east:.5} {north:.5} degrees");
+    cli::sayln!(
+        "  changeover level {} (by the rule for one size: {}), {} objects in coarser cells",
+        info.changeover_level,
+        info.vgis_level,
+        info.large_objects
+    );
+    cli::sayln!("  work of a query   level     cells   objects     large     pages      cost");
     for point in &info.cost_curve {
         let chosen = if point.level == info.changeover_level { " <" } else { "" };
-        println!(
+        cli::sayln!(
             "                    {:>5} {:>9.2} {:>9.2} {:>9.2} {:>9.3} {:>9.2}{chosen}",
-            point.level, point.cells, point.objects, point.large_objects, point.pages, point.cost
+            point.level,
+            point.cells,
+            point.objects,
+            point.large_objects,
+            point.pages,
+            point.cost
         );
     }
     for (what, counts) in [("repaired", &info.repaired), ("set aside", &info.set_aside)] {
         for (reason, count) in counts {
-            println!("  {what}: {count} ({reason})");
+            cli::sayln!("  {what}: {count} ({reason})");
         }
     }
     if !info.attributes.is_empty() {
-        println!("  attributes: {}", info.attributes.join(", "));
+        cli::sayln!("  attributes: {}", info.attributes.join(", "));
     }
 }

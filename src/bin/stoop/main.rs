@@ -21,7 +21,7 @@ use std::process::ExitCode;
 struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
-    /// Worlds to open in a window; the default world when none is named
+    /// Worlds to open in a window (not in this version)
     #[arg(value_name = "WORLD")]
     worlds: Vec<PathBuf>,
 }

@@ -61,7 +61,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let world = World::open(&arguments.world)?;
     let probed = places.iter().map(|&place| probe(&world, place)).collect::<anyhow::Result<Vec<_>>>()?;
     if arguments.json {
-        println!("{}", serde_json::to_string_pretty(&probed)?);
+        cli::sayln!("{}", serde_json::to_string_pretty(&probed)?);
     } else {
         probed.iter().for_each(print);
     }
@@ -109,24 +109,28 @@ fn read_points(file: &Path) -> anyhow::Result<Vec<[f64; 2]>> {
 }
 
 fn print(probed: &Probed) {
-    println!("{:.6} {:.6}", probed.lon_deg, probed.lat_deg);
+    cli::sayln!("{:.6} {:.6}", probed.lon_deg, probed.lat_deg);
     match (probed.ground_m, probed.ground_above_geoid_m, &probed.terrain_cell, probed.error_m) {
         (Some(ellipsoid_m), Some(geoid_m), Some(cell), Some(error_m)) => {
-            println!("  ground {ellipsoid_m:.2} m above the ellipsoid, {geoid_m:.2} m above the geoid (EGM96)");
-            println!("  terrain cell {cell}, error at most {error_m:.3} m");
+            cli::sayln!("  ground {ellipsoid_m:.2} m above the ellipsoid, {geoid_m:.2} m above the geoid (EGM96)");
+            cli::sayln!("  terrain cell {cell}, error at most {error_m:.3} m");
         }
-        _ => println!("  no terrain here"),
+        _ => cli::sayln!("  no terrain here"),
     }
     if let (Some(cell), Some(texel_m)) = (&probed.imagery_cell, probed.texel_m) {
-        println!("  imagery cell {cell}, texel {texel_m:.2} m");
+        cli::sayln!("  imagery cell {cell}, texel {texel_m:.2} m");
     }
     for object in &probed.objects {
-        println!(
+        cli::sayln!(
             "  {} {}: {:.2} to {:.2} m, in cell {}",
-            object.collection, object.id, object.base_m, object.top_m, object.cell
+            object.collection,
+            object.id,
+            object.base_m,
+            object.top_m,
+            object.cell
         );
         for (name, value) in object.attributes.as_object().into_iter().flatten() {
-            println!("    {name} = {value}");
+            cli::sayln!("    {name} = {value}");
         }
     }
 }

@@ -1,5 +1,5 @@
-//! How far a surface of flat triangles lies from the truth: vertical distances in f64, curvature included (design §3,
-//! Errors). The plane of a triangle between ellipsoid positions of posts is cut with the normal of the ellipsoid at
+//! How far a surface of flat triangles lies from the truth: vertical distances in f64, curvature included.
+//! The plane of a triangle between ellipsoid positions of posts is cut with the normal of the ellipsoid at
 //! each sample.
 
 use super::truth::{HALVES, Meridians, Sample, Samples, is_rising, post_index};

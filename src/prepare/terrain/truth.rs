@@ -8,7 +8,7 @@ use glam::DVec3;
 use rayon::prelude::*;
 use std::f64::consts::{FRAC_PI_2, PI, TAU};
 
-/// The composite of the elevation sources (design §3): what a world's terrain is measured against.
+/// The composite of the elevation sources: what a world's terrain is measured against.
 pub trait Truth: Sync {
     /// Metres above the ellipsoid; 0 outside everything.
     fn height_m(&self, lat_rad: f64, lon_rad: f64) -> f64;
