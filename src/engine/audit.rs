@@ -1,7 +1,7 @@
 //! Holes: what a settled frame covers and a frame does not.
 
 use super::FrameReport;
-use crate::render::SKY_ID;
+use crate::render::{SKY_ID, is_cell};
 
 /// Silhouettes are looked for no further than this, pixels.
 const REACH_MAX_PX: usize = 64;
@@ -21,19 +21,35 @@ pub fn may_have_holes(drawn: &[u32]) -> bool {
     drawn.contains(&SKY_ID)
 }
 
-/// How far a silhouette may move in a frame: by the error that was allowed and what was still owed, and by the pixel's
-/// rounding.
-pub fn silhouette_px(report: &FrameReport) -> usize {
-    let allowed_px = (report.tolerance_drawn_px + report.excess_max_px).ceil();
-    (allowed_px.clamp(1.0, REACH_MAX_PX as f64) as usize).max(1)
+/// How far silhouettes may move in a frame, pixels: by the error that was allowed and what was still owed, and by the
+/// pixel's rounding. What an absent object owes does not excuse the ground.
+#[derive(Clone, Copy, Debug)]
+pub struct Silhouettes {
+    ground_px: usize,
+    objects_px: usize,
+}
+
+impl Silhouettes {
+    pub fn of(report: &FrameReport) -> Self {
+        let reach = |excess_px: f64| {
+            let allowed_px = (report.tolerance_drawn_px + excess_px).ceil();
+            (allowed_px.clamp(1.0, REACH_MAX_PX as f64) as usize).max(1)
+        };
+        Self { ground_px: reach(report.terrain_excess_max_px), objects_px: reach(report.excess_max_px) }
+    }
+
+    fn reach_px(self, settled_id: u32) -> usize {
+        if is_cell(settled_id) { self.ground_px } else { self.objects_px }
+    }
 }
 
 /// Compares ids of the same view, rows from the top.
-pub fn compare(drawn: &[u32], settled: &[u32], width_px: usize, reach_px: usize) -> Uncovered {
+pub fn compare(drawn: &[u32], settled: &[u32], width_px: usize, silhouettes: Silhouettes) -> Uncovered {
     let mut uncovered = Uncovered::default();
     for (at, (&drawn, &wanted)) in drawn.iter().zip(settled).enumerate() {
         if drawn == SKY_ID && wanted != SKY_ID {
             uncovered.pixels += 1;
+            let reach_px = silhouettes.reach_px(wanted);
             uncovered.holes += u64::from(!is_near_sky(settled, width_px, at, reach_px));
         }
     }
@@ -55,19 +71,21 @@ fn is_near_sky(ids: &[u32], width_px: usize, at: usize, reach_px: usize) -> bool
 mod tests {
     use super::*;
 
+    const NARROW: Silhouettes = Silhouettes { ground_px: 1, objects_px: 1 };
+
     #[test]
     fn sky_inside_what_the_settled_frame_covers_is_a_hole_and_a_moved_border_is_not() {
         // The upper row of the settled frame is sky.
         let settled = [[0; 5], [7; 5], [7; 5], [7; 5], [7; 5]].concat();
         let mut drawn = settled.clone();
         drawn[5 + 2] = 0;
-        assert_eq!(compare(&drawn, &settled, 5, 1), Uncovered { pixels: 1, holes: 0 });
+        assert_eq!(compare(&drawn, &settled, 5, NARROW), Uncovered { pixels: 1, holes: 0 });
         drawn[3 * 5 + 1] = 0;
-        assert_eq!(compare(&drawn, &settled, 5, 1), Uncovered { pixels: 2, holes: 1 });
+        assert_eq!(compare(&drawn, &settled, 5, NARROW), Uncovered { pixels: 2, holes: 1 });
         drawn[4 * 5] = 0;
-        assert_eq!(compare(&drawn, &settled, 5, 1), Uncovered { pixels: 3, holes: 1 }, "the picture's edge");
+        assert_eq!(compare(&drawn, &settled, 5, NARROW), Uncovered { pixels: 3, holes: 1 }, "the picture's edge");
         assert!(may_have_holes(&drawn) && !may_have_holes(&[3, 4]));
         // What the settled frame does not show either is no hole.
-        assert_eq!(compare(&[0; 25], &[0; 25], 5, 1), Uncovered::default());
+        assert_eq!(compare(&[0; 25], &[0; 25], 5, NARROW), Uncovered::default());
     }
 }

@@ -1,6 +1,6 @@
 //! One frame, in order: completions, selection, requests, lifts, drawing, report.
 
-use super::audit::{Uncovered, compare, may_have_holes, silhouette_px};
+use super::audit::{Silhouettes, Uncovered, compare, may_have_holes};
 use super::footprint::Partition;
 use super::levels::DrawnLevels;
 use super::lift::Ground;
@@ -182,6 +182,7 @@ impl Engine {
             tolerance_drawn_px: self.params.tolerance_px * self.tolerance.factor(),
             debt_px: chosen.debt_px,
             excess_max_px: chosen.excess_max_px,
+            terrain_excess_max_px: chosen.terrain_excess_max_px,
             excess_p99_px: chosen.excess_p99_px,
             raw_error_px: chosen.raw_error_px,
             // No share is −0.
@@ -197,7 +198,7 @@ impl Engine {
             draw_calls: drawn.draw_calls,
             pages_missing: chosen.pages_missing,
             would_have_waited: false,
-            ground_pressed: selection.press.is_some(),
+            ground_pressed: selection.press.is_some_and(|press| press.buries_eye()),
             bytes_read: traffic.bytes_read,
             seeks: traffic.seeks,
             requests: traffic.requests,
@@ -245,7 +246,7 @@ impl Engine {
         let drawn = self.read_ids()?;
         let uncovered = if may_have_holes(&drawn) {
             let settled = self.settled_ids(request)?;
-            compare(&drawn, &settled, request.view.size_px[0] as usize, silhouette_px(report))
+            compare(&drawn, &settled, request.view.size_px[0] as usize, Silhouettes::of(report))
         } else {
             Uncovered::default()
         };

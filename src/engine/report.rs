@@ -13,6 +13,8 @@ pub struct FrameReport {
     /// Detail debt: sum over the layers of the screen-weighted mean excess, px.
     pub debt_px: f64,
     pub excess_max_px: f64,
+    /// Of terrain alone, px.
+    pub terrain_excess_max_px: f64,
     pub excess_p99_px: f64,
     /// Largest drawn screen error, curable or not, px.
     pub raw_error_px: f64,

@@ -124,9 +124,18 @@ impl Residency {
             let (page, place) = (delivery.page, delivery.place);
             self.pictures_in_flight -= u64::from(is_picture(page));
             let completion = self.take_in(delivery, renderer);
-            if let Completion::Loaded { bytes } = completion {
-                taken_bytes += bytes;
-                self.usage.loaded(page, u64::from(place.len));
+            match completion {
+                Completion::Loaded { bytes } => {
+                    taken_bytes += bytes;
+                    self.usage.loaded(page, u64::from(place.len));
+                }
+                Completion::Cancelled => {}
+                Completion::Failed | Completion::Broken => self.usage.failed(u64::from(place.len)),
+            }
+            // The driver holds what is uploaded a second time until it is told to go on.
+            if self.mode != Mode::Live && taken_bytes >= UPLOAD_BYTES_PER_FRAME {
+                taken_bytes = 0;
+                renderer.flush_uploads();
             }
             self.manager.complete(Event { page, completion }, now_s);
             self.measure(renderer);

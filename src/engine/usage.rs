@@ -24,6 +24,11 @@ impl Usage {
         self.resident.insert(page, Read { bytes, drawn: false });
     }
 
+    /// Bytes were read that never became a page.
+    pub fn failed(&mut self, bytes: u64) {
+        self.wasted_bytes += bytes;
+    }
+
     pub fn dropped(&mut self, page: PageId) {
         if let Some(read) = self.resident.remove(&page)
             && !read.drawn

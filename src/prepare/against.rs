@@ -27,7 +27,7 @@ const TIGHT: f64 = 0.5;
 /// Heights count as land above and below this, metres.
 const SEA_M: f64 = 1e-3;
 /// Pages of cells at levels up to this are kept.
-const KEPT_LEVELS: u8 = 7;
+const KEPT_LEVELS: u8 = 4;
 
 #[derive(Debug, thiserror::Error)]
 pub enum AgainstError {

@@ -34,23 +34,21 @@ pub fn plan(pictures: &Pictures, zone: Zone, task: &Task) -> Result<BTreeSet<Cel
     Ok(cells)
 }
 
-/// The texels of a cell with their gutter: RGB8, rows from the north. `None` where no picture shows anything.
-pub fn texels(pictures: &Pictures, cell: CellId) -> Option<Vec<u8>> {
+/// The texels of a cell with their gutter: RGB8, rows from the north; bare ground where no picture shows anything. A
+/// planned cell always has a page, though its picture be smaller than its texels: a layer has no gaps from the root down.
+pub fn texels(pictures: &Pictures, cell: CellId) -> Vec<u8> {
     let bounds = cell.bounds();
     let texel_rad = texel_rad(&bounds);
     let middle = |i: u32| (f64::from(i) - f64::from(IMAGERY_GUTTER_PX) + 0.5) / f64::from(IMAGERY_PX);
     let mut rgb = Vec::with_capacity((IMAGERY_STORED_PX * IMAGERY_STORED_PX * 3) as usize);
-    let mut is_seen = false;
     for row in 0..IMAGERY_STORED_PX {
         for column in 0..IMAGERY_STORED_PX {
             let place = bounds.at(middle(column), 1.0 - middle(row), 0.0);
             let (lat_rad, lon_rad) = on_globe(place.lat_rad, place.lon_rad);
-            let color = pictures.color(lat_rad, lon_rad, texel_rad);
-            is_seen |= color.is_some();
-            rgb.extend(color.unwrap_or(BARE_RGB));
+            rgb.extend(pictures.color(lat_rad, lon_rad, texel_rad).unwrap_or(BARE_RGB));
         }
     }
-    is_seen.then_some(rgb)
+    rgb
 }
 
 /// The gutter beyond a pole repeats the last row; beyond the antimeridian it goes round.

@@ -109,9 +109,6 @@ pub fn build(recipe: &Recipe, options: &BuildOptions, control: &Control) -> Resu
     let collections: Vec<Collection> =
         (0..count).map(|number| inputs.collection(recipe, root, &errors, number)).collect::<Result<_, _>>()?;
     sources.extend(collections.iter().map(|collection| collection.source.clone()));
-    if let Some(failure) = elevation.failure() {
-        return Err(failure.into());
-    }
     let started = Instant::now();
     let manifest = assemble::world(recipe, hash, options, &stages, sources, collections, control)?;
     done(
@@ -182,9 +179,15 @@ impl Inputs<'_> {
             (count, bytes) = (count + 1, bytes + record.len() as u64);
             writer.record(&record)
         })?;
+        self.heights_were_read()?;
         writer.finish()?;
         done(self.control, "zone", &name, count, bytes, started, false);
         Ok(())
+    }
+
+    /// A stage made of heights that could not be read must not be kept.
+    fn heights_were_read(&self) -> Result<(), BuildError> {
+        self.elevation.failure().map_or(Ok(()), |failure| Err(failure.into()))
     }
 
     fn errors(&self) -> Result<TerrainErrors, BuildError> {
@@ -220,6 +223,7 @@ impl Inputs<'_> {
         self.task("objects", &section.name, 0).step()?;
         let collection =
             collections::prepare(recipe, section, number, root, self.elevation, errors, self.control.on_progress)?;
+        self.heights_were_read()?;
         collections::keep(&collection, number.into(), self.stages)?;
         report(&collection, false);
         Ok(collection)

@@ -37,6 +37,9 @@ fn add_file(sum: &mut Xxh3, path: &Path) -> std::io::Result<()> {
     let mut file = File::open(path)?;
     let len = file.metadata()?.len();
     sum.update(&len.to_le_bytes());
+    if let Ok(since) = file.metadata()?.modified()?.duration_since(std::time::UNIX_EPOCH) {
+        sum.update(&since.as_nanos().to_le_bytes());
+    }
     let mut part = Vec::new();
     (&mut file).take(PART_BYTES).read_to_end(&mut part)?;
     file.seek(SeekFrom::Start(len.saturating_sub(PART_BYTES)))?;

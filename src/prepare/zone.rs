@@ -103,7 +103,7 @@ impl ZonePages<'_> {
         self.task.step()?;
         let page = self.terrain.get(&cell).map(|plan| terrain::build(self.truth, cell, plan, parent));
         let terrain = page.as_ref().map(encode_terrain).transpose()?;
-        let texels = self.imagery.contains(&cell).then(|| imagery::texels(self.pictures, cell)).flatten();
+        let texels = self.imagery.contains(&cell).then(|| imagery::texels(self.pictures, cell));
         let imagery = texels.map(|rgb| store::encode_imagery(cell, &rgb, store::JPEG_QUALITY)).transpose()?;
         Ok((cell, page, CellPages { terrain, imagery }))
     }

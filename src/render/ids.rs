@@ -20,6 +20,11 @@ pub enum IdOf {
     Object { collection: u8, id: u32 },
 }
 
+/// Whether an id is that of terrain.
+pub fn is_cell(id: u32) -> bool {
+    id & TERRAIN_BIT != 0
+}
+
 /// Splitmix64's finalizer: neighbours get far-apart ids.
 pub(super) fn id_of_cell(cell: CellId) -> u32 {
     let mut bits = cell.to_u64();

@@ -20,7 +20,7 @@ mod terrain;
 
 pub use device::RenderError;
 pub use eye::eye_relative;
-pub use ids::{IdOf, SKY_ID};
+pub use ids::{IdOf, SKY_ID, is_cell};
 pub use layout::{Field, Mirror, mirrored_structs, shader_sources};
 pub use options::{DrawOptions, FrameStats, GpuLimits, Haze, Sun};
 pub use renderer::{ArenaFull, Renderer};

@@ -156,6 +156,13 @@ impl Renderer {
         self.gpu.wait()
     }
 
+    /// Hands all uploads to the device and waits, so that the driver lets go of its copies. A lost device shows when the
+    /// next frame is drawn.
+    pub fn flush_uploads(&self) {
+        self.gpu.queue.submit([]);
+        drop(self.gpu.wait());
+    }
+
     /// The last picture: sRGB RGBA, rows from the top.
     pub fn read_color(&self) -> Result<Vec<u8>, RenderError> {
         self.targets()?.read_color(&self.gpu)

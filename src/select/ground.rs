@@ -20,6 +20,13 @@ const DEPTHS_PER_RADIUS: f64 = 10.0;
 const POSTS_PER_RADIUS: f64 = 2.0;
 const RADIUS_MIN_M: f64 = 50.0;
 
+impl GroundPress {
+    /// Whether the ground would lie above the eye; else it only comes too close.
+    pub fn buries_eye(&self) -> bool {
+        f64::from(self.depth_m) > CLEARANCE_M
+    }
+}
+
 /// The surface that is drawn below the eye.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ground {

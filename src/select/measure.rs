@@ -30,6 +30,11 @@ impl LayerMeasure {
         excess_px
     }
 
+    /// Of pieces that take some of the screen.
+    pub fn excess_max_px(&self) -> f64 {
+        self.items.iter().filter(|item| item.share > 0.0).map(|item| item.excess_px).fold(0.0, f64::max)
+    }
+
     fn total_share(&self) -> f64 {
         self.items.iter().map(|item| item.share).sum()
     }

@@ -104,6 +104,8 @@ pub struct SelectStats {
     /// Detail debt, px: sum over the layers of the screen-weighted mean excess.
     pub debt_px: f64,
     pub excess_max_px: f64,
+    /// Of terrain alone.
+    pub terrain_excess_max_px: f64,
     pub excess_p99_px: f64,
     /// Largest drawn screen error, whether or not the world has better, px.
     pub raw_error_px: f64,
@@ -147,6 +149,8 @@ pub fn select_raised(
     let mut layers = front.measures;
     let (objects, object_measure) = objects::walk(index, cells, &sight, params, &mut demands, &mut stats);
     layers.push(object_measure);
+    // The first layer is terrain.
+    stats.terrain_excess_max_px = layers.first().map_or(0.0, measure::LayerMeasure::excess_max_px);
     measure::summarize(&layers, &mut stats);
     stats.pages_missing = u32::try_from(demands.missing()).unwrap_or(u32::MAX);
     Selection { pieces: front::draw(front.pieces, &skirts_m, cells), objects, demands: demands.finish(), press, stats }

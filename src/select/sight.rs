@@ -56,17 +56,25 @@ impl<'a> Sight<'a> {
         for row in 0..parts {
             for column in 0..parts {
                 let (u, v) = (f64::from(column) * step, f64::from(row) * step);
-                let corners = [(u, v), (u + step, v), (u + step, v + step), (u, v + step)];
-                share += self.quad_share(corners.map(|(u, v)| bounds.at(u, v, height_m).to_ecef()));
+                // The middle of a part may be seen where all its corners lie beyond the horizon.
+                let (low, high) = (bounds.at(u, v, height_m), bounds.at(u + step, v + step, height_m));
+                let part = GeoBounds {
+                    west_rad: low.lon_rad,
+                    south_rad: low.lat_rad,
+                    east_rad: high.lon_rad,
+                    north_rad: high.lat_rad,
+                };
+                if self.horizon.hides_box(&OrientedBox::around(&part, height_m, height_m)) {
+                    continue;
+                }
+                let corners = [(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)];
+                share += self.quad_share(corners.map(|(u, v)| part.at(u, v, height_m).to_ecef()));
             }
         }
         share.min(1.0)
     }
 
     fn quad_share(&self, corners: [Point<Ecef>; 4]) -> f64 {
-        if corners.iter().all(|&corner| self.horizon.hides(corner)) {
-            return 0.0;
-        }
         let view_from_ecef = self.view.ecef_from_view().inverse();
         let mut polygon = Polygon::new(corners.map(|corner| (view_from_ecef * corner).xyz()));
         polygon.clip(|p| -p.z - NEAR_M);

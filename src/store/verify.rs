@@ -178,6 +178,9 @@ fn check_children(node: &Node<'_>, result: &mut Verified) {
         } else if child.terrain().is_some() {
             result.add(child.cell(), "it has terrain, its parent has none");
         }
+        if child.imagery().is_some() && node.imagery().is_none() {
+            result.add(child.cell(), "it has imagery, its parent has none");
+        }
     }
 }
 
