@@ -86,7 +86,7 @@ pub struct Control<'a> {
 pub fn build(recipe: &Recipe, options: &BuildOptions, control: &Control) -> Result<Manifest, BuildError> {
     assemble::check_target(&options.out, options.replace)?;
     let root = options.root.as_deref().unwrap_or(recipe.root());
-    let hash = recipe_hash::of(recipe, root)?;
+    let fingerprint = recipe_hash::of(recipe, root)?;
     let started = Instant::now();
     let elevation = Elevation::open(recipe, root, half(options.memory), control.on_progress)?;
     let pictures = Pictures::open(recipe, root, half(options.memory), control.on_progress)?;
@@ -94,7 +94,7 @@ pub fn build(recipe: &Recipe, options: &BuildOptions, control: &Control) -> Resu
     let samples = sources.iter().map(|source| source.count).sum();
     done(control, "read", "sources", samples, 0, started, false);
 
-    let (stages, was_other) = Stages::open(&options.out, hash)?;
+    let (stages, was_other) = Stages::open(&options.out, fingerprint.stages)?;
     if was_other {
         (control.on_note)(
             "the unfinished work beside the output was for another recipe or other sources: starting afresh",
@@ -110,7 +110,7 @@ pub fn build(recipe: &Recipe, options: &BuildOptions, control: &Control) -> Resu
         (0..count).map(|number| inputs.collection(recipe, root, &errors, number)).collect::<Result<_, _>>()?;
     sources.extend(collections.iter().map(|collection| collection.source.clone()));
     let started = Instant::now();
-    let manifest = assemble::world(recipe, hash, options, &stages, sources, collections, control)?;
+    let manifest = assemble::world(recipe, fingerprint.world, options, &stages, sources, collections, control)?;
     done(
         control,
         "write",

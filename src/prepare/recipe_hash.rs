@@ -14,10 +14,23 @@ const EXTENSIONS: &[&str] = &[
     "csv",
 ];
 
-/// xxh3 of the recipe's text and, of each source file, its name, its length, its beginning and its end.
-pub fn of(recipe: &Recipe, root: &Path) -> Result<u64, PrepareError> {
-    let mut sum = Xxh3::new();
-    sum.update(recipe.text.as_bytes());
+/// Counts up when stages of the same sources come out otherwise, so that a newer program does not take over old ones.
+const STAGES_VERSION: u32 = 1;
+
+/// What a recipe and its sources were.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Fingerprint {
+    /// xxh3 of the recipe's text and, of each source file, its name, its length, its beginning and its end; what the
+    /// manifest keeps: the same on every machine.
+    pub world: u64,
+    /// Of that, the files' times of change and the program's version of stages: what kept stages are good for.
+    pub stages: u64,
+}
+
+pub fn of(recipe: &Recipe, root: &Path) -> Result<Fingerprint, PrepareError> {
+    let (mut world, mut times) = (Xxh3::new(), Xxh3::new());
+    world.update(recipe.text.as_bytes());
+    times.update(&STAGES_VERSION.to_le_bytes());
     let files = recipe.elevation.iter().map(|section| &section.file);
     let files = files.chain(recipe.imagery.iter().map(|section| &section.file));
     let files = files.chain(recipe.buildings.iter().map(|section| &section.file));
@@ -26,24 +39,25 @@ pub fn of(recipe: &Recipe, root: &Path) -> Result<u64, PrepareError> {
         let mut paths: Vec<_> = source::resolve(root, file, EXTENSIONS)?.into_iter().map(|found| found.path).collect();
         paths.dedup();
         for path in paths {
-            sum.update(path.file_name().unwrap_or_default().as_encoded_bytes());
-            add_file(&mut sum, &path).map_err(|source| PrepareError::read(&path, source))?;
+            world.update(path.file_name().unwrap_or_default().as_encoded_bytes());
+            add_file(&mut world, &mut times, &path).map_err(|source| PrepareError::read(&path, source))?;
         }
     }
-    Ok(sum.digest())
+    times.update(&world.digest().to_le_bytes());
+    Ok(Fingerprint { world: world.digest(), stages: times.digest() })
 }
 
-fn add_file(sum: &mut Xxh3, path: &Path) -> std::io::Result<()> {
+fn add_file(world: &mut Xxh3, times: &mut Xxh3, path: &Path) -> std::io::Result<()> {
     let mut file = File::open(path)?;
-    let len = file.metadata()?.len();
-    sum.update(&len.to_le_bytes());
-    if let Ok(since) = file.metadata()?.modified()?.duration_since(std::time::UNIX_EPOCH) {
-        sum.update(&since.as_nanos().to_le_bytes());
+    let known = file.metadata()?;
+    world.update(&known.len().to_le_bytes());
+    if let Ok(since) = known.modified()?.duration_since(std::time::UNIX_EPOCH) {
+        times.update(&since.as_nanos().to_le_bytes());
     }
     let mut part = Vec::new();
     (&mut file).take(PART_BYTES).read_to_end(&mut part)?;
-    file.seek(SeekFrom::Start(len.saturating_sub(PART_BYTES)))?;
+    file.seek(SeekFrom::Start(known.len().saturating_sub(PART_BYTES)))?;
     file.take(PART_BYTES).read_to_end(&mut part)?;
-    sum.update(&part);
+    world.update(&part);
     Ok(())
 }
