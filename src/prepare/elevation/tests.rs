@@ -1,18 +1,7 @@
 use super::*;
-use crate::prepare::raster::test_files::{self, TiffOf};
-use std::path::PathBuf;
+use crate::prepare::raster::test_files::{self, TiffOf, shared};
 
 const MEMORY: ByteSize = ByteSize(512 << 20);
-
-/// The project's shared real data, if it is here.
-fn shared(folder: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(folder);
-    if !path.exists() {
-        println!("skipped: ../shared/data is not here");
-        return None;
-    }
-    Some(path)
-}
 
 fn open(sections: &str, root: &Path) -> Result<Elevation, PrepareError> {
     let recipe = Recipe::parse(&format!("name = \"t\"\n{sections}"), Path::new("t.toml"))?;

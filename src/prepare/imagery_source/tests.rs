@@ -1,6 +1,5 @@
 use super::*;
-use crate::prepare::raster::test_files::TiffOf;
-use std::path::PathBuf;
+use crate::prepare::raster::test_files::{TiffOf, shared};
 use tiff::encoder::colortype::{RGB8, RGBA8};
 
 const MEMORY: ByteSize = ByteSize(1 << 30);
@@ -12,15 +11,6 @@ fn open(sections: &str, root: &Path) -> Result<Pictures, PrepareError> {
 
 fn at(pictures: &Pictures, lat_deg: f64, lon_deg: f64, texel_deg: f64) -> Option<[u8; 3]> {
     pictures.color(lat_deg.to_radians(), lon_deg.to_radians(), texel_deg.to_radians())
-}
-
-fn shared(folder: &str) -> Option<PathBuf> {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(folder);
-    if !path.exists() {
-        println!("skipped: ../shared/data is not here");
-        return None;
-    }
-    Some(path)
 }
 
 /// A picture of 36 × 18 pixels of 10°, each pixel's red its column and green its row.

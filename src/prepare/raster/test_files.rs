@@ -1,7 +1,7 @@
 //! Tiny made-up files for tests.
 
 use std::fs::File;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use tiff::encoder::colortype::{Gray8, Gray16, Gray32, Gray32Float, Gray64Float, GrayI8, GrayI16, GrayI32};
 use tiff::encoder::{Compression, DeflateLevel, Predictor, TiffEncoder, TiffValue, colortype::ColorType};
 use tiff::tags::Tag;
@@ -178,4 +178,14 @@ fn set_last(bytes: &mut [u8], tag: u16, value: u32) {
     let count = word(bytes, entry + 4);
     let at = if count == 1 { entry + 8 } else { word(bytes, entry + 8) + 4 * (count - 1) };
     bytes[at..at + 4].copy_from_slice(&value.to_le_bytes());
+}
+
+/// The project's shared real data, if it is here.
+pub fn shared(folder: &str) -> Option<PathBuf> {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shared/data").join(folder);
+    if !path.exists() {
+        println!("skipped: ../shared/data is not here");
+        return None;
+    }
+    Some(path)
 }
