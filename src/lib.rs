@@ -16,3 +16,5 @@ pub mod render;
 pub mod select;
 pub mod store;
 pub mod units;
+#[cfg(feature = "window")]
+pub mod window;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
 /// Module, and what it may use; those may use what they name, in turn.
-const TABLE: [(&str, &[&str]); 18] = [
+const TABLE: [(&str, &[&str]); 19] = [
     ("units", &[]),
     ("storage", &["units"]),
     ("geodesy", &["units"]),
@@ -23,15 +23,18 @@ const TABLE: [(&str, &[&str]); 18] = [
     ("layout", &["select", "store", "storage"]),
     ("simulate", &["paging", "layout", "storage"]),
     ("record", &["engine", "camera"]),
+    ("window", &["record", "engine", "camera"]),
     ("chart", &["record", "simulate"]),
     ("lib", &[]),
 ];
 
 /// Crates that only the named modules may use.
-const CRATES: [(&[&str], &[&str]); 3] = [
+const CRATES: [(&[&str], &[&str]); 5] = [
     (&["proj", "tiff", "zip", "geojson", "flatgeobuf", "geozero", "osmpbf", "tiny_skia", "exmex"], &["prepare"]),
     (&["wgpu"], &["render"]),
     (&["memmap2"], &["store"]),
+    (&["winit", "egui_winit", "directories"], &["window"]),
+    (&["egui", "egui_wgpu"], &["render", "window"]),
 ];
 
 /// What the pure middle must not name.

@@ -6,7 +6,7 @@ set -euo pipefail
 export PATH="$PATH:${CARGO_HOME:-$HOME/.cargo}/bin"
 
 packages=(build-essential ca-certificates cmake pkg-config sqlite3 libsqlite3-dev libvulkan1 mesa-vulkan-drivers "$@")
-rust_least=1.88
+rust_least=1.95
 
 as_root() {
     if [ "$(id -u)" = 0 ]; then "$@"; else sudo "$@"; fi

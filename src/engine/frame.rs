@@ -12,7 +12,7 @@ use super::{EngineError, EngineParams, FrameRequest, Mode};
 use crate::camera::View;
 use crate::paging::ManagerStats;
 use crate::render::{DrawOptions, FrameStats, IdOf, RenderError, Renderer};
-use crate::select::{SelectParams, Selection, select_raised};
+use crate::select::{OutOfView, SelectParams, Selection, select_raised};
 use std::time::Instant;
 
 /// How long a settled frame waits for a failed page between tries, on its own clock, seconds.
@@ -144,6 +144,7 @@ impl Engine {
             tolerance_px: self.params.tolerance_px,
             threshold_px: self.params.threshold_px,
             objects: self.params.objects,
+            out_of_view: OutOfView::Left,
         };
         select_raised(&self.source.index, &self.residency.cells, view, &params, params.tolerance_px * factor)
     }

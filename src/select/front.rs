@@ -10,24 +10,26 @@ use super::demands::{DemandList, Part};
 use super::layer::{Layer, Offer, Rep};
 use super::measure::LayerMeasure;
 use super::sight::Sight;
-use super::{DrawPiece, SelectStats};
+use super::{DrawPiece, OutOfView, SelectStats};
 use crate::cells::LiveTree;
 use crate::content::{PageId, PageKind};
 use crate::forest::index::{IndexForest, Node};
 use crate::forest::{CellId, Quadrant};
 use crate::geodesy::{OrientedBox, SEMI_MAJOR_M};
+use glam::DVec3;
 
 /// How many levels below a missing page of the front finer pages may stand in for it.
 const STAND_IN_LEVELS: u8 = 3;
 
 /// A piece before its skirts are known.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug)]
 pub struct Piece {
     pub cell: CellId,
     pub terrain: Rep,
     pub imagery: Option<CellId>,
     pub own: f64,
     pub distance_m: f64,
+    pub around: OrientedBox,
 }
 
 impl Piece {
@@ -69,6 +71,7 @@ struct Layers {
 struct Walk<'a, 'b> {
     cells: &'a LiveTree,
     sight: &'a Sight<'a>,
+    out_of_view: OutOfView,
     demands: &'b mut DemandList,
     stats: &'b mut SelectStats,
     pieces: Vec<Piece>,
@@ -80,12 +83,14 @@ pub fn walk(
     index: &IndexForest,
     cells: &LiveTree,
     sight: &Sight<'_>,
+    out_of_view: OutOfView,
     demands: &mut DemandList,
     stats: &mut SelectStats,
 ) -> Front {
     let mut walk = Walk {
         cells,
         sight,
+        out_of_view,
         demands,
         stats,
         pieces: Vec::new(),
@@ -113,6 +118,7 @@ pub fn draw(pieces: Vec<Piece>, skirts_m: &[f64], cells: &LiveTree) -> Vec<DrawP
                 imagery: piece.imagery,
                 own: piece.own as f32,
                 skirt_m: skirt_m as f32,
+                around: piece.around,
             })
         })
         .collect()
@@ -136,12 +142,15 @@ impl<'a> Walk<'a, '_> {
         self.stats.cells_tested += 1;
         if !self.sight.sees(&around) {
             self.stats.cells_culled += 1;
+            if self.out_of_view == OutOfView::Coarse {
+                self.keep_coarse(&region, layers, around);
+            }
             return;
         }
         let distance_m = around.distance_m(self.sight.eye).max(region.above_m);
         let px_per_m = self.sight.view.projected_px(1.0, distance_m);
         let children = self.step(&region, &mut layers, px_per_m);
-        let here = piece(&region, &layers, distance_m, self.sight);
+        let here = piece(&region, &layers, distance_m, around, self.sight);
         let first = self.pieces.len();
         let settled = layers.terrain.is_settled() && layers.imagery.is_settled();
         let stands_in = settled
@@ -163,6 +172,15 @@ impl<'a> Walk<'a, '_> {
             self.measure(&layers, share, px_per_m);
             self.pieces.extend(here);
         }
+    }
+
+    /// A piece out of view, from the pages drawn above it; from its own where nothing is above.
+    fn keep_coarse(&mut self, region: &Region<'a>, mut layers: Layers, around: OrientedBox) {
+        let distance_m = around.distance_m(self.sight.eye).max(region.above_m);
+        if layers.terrain.drawn().is_none() {
+            self.step(region, &mut layers, self.sight.view.projected_px(1.0, distance_m));
+        }
+        self.pieces.extend(piece(region, &layers, distance_m, around, self.sight));
     }
 
     /// Steps both layers to the region's node, and gives its children.
@@ -247,13 +265,25 @@ struct Look {
     asked_px: f64,
 }
 
-fn piece(region: &Region<'_>, layers: &Layers, distance_m: f64, sight: &Sight<'_>) -> Option<Piece> {
+fn piece(
+    region: &Region<'_>,
+    layers: &Layers,
+    distance_m: f64,
+    around: OrientedBox,
+    sight: &Sight<'_>,
+) -> Option<Piece> {
     let px_per_m = sight.view.projected_px(1.0, distance_m);
-    layers.terrain.drawn().map(|terrain| Piece {
-        cell: region.cell,
-        terrain,
-        imagery: layers.imagery.drawn().map(|rep| rep.cell),
-        own: terrain.own_weight(px_per_m, sight.tolerance.drawn_px),
-        distance_m,
+    layers.terrain.drawn().map(|terrain| {
+        let own = terrain.own_weight(px_per_m, sight.tolerance.drawn_px);
+        // The box bounds the finest surface; the drawn one lies within its error of that.
+        let half_m = around.half_m + DVec3::splat(terrain.morphed_error_m(own));
+        Piece {
+            cell: region.cell,
+            terrain,
+            imagery: layers.imagery.drawn().map(|rep| rep.cell),
+            own,
+            distance_m,
+            around: OrientedBox { half_m, ..around },
+        }
     })
 }

@@ -14,6 +14,7 @@ use crate::cells::LiveTree;
 use crate::content::{ObjectPage, PageId, TerrainPage};
 use crate::forest::CellId;
 use crate::forest::index::{IndexForest, Place};
+use crate::geodesy::OrientedBox;
 use demands::DemandList;
 use sight::{Sight, Tolerance};
 use std::ops::Range;
@@ -32,6 +33,16 @@ pub enum ObjectsMode {
     Groups,
 }
 
+/// What a selection holds of the ground out of view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum OutOfView {
+    /// Nothing: the selection is drawn in the view that it was made for.
+    Left,
+    /// Its coarsest pieces, without demands or measures, as far as they are resident: the whole Earth is covered,
+    /// so that views that turned since show no hole.
+    Coarse,
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SelectParams {
     /// Allowed screen-space error, pixels; above 0.
@@ -39,6 +50,7 @@ pub struct SelectParams {
     /// Projected bounding dimension below which an object is neither drawn nor paged, pixels.
     pub threshold_px: f64,
     pub objects: ObjectsMode,
+    pub out_of_view: OutOfView,
 }
 
 /// How badly a page is wanted; the order is the order of service.
@@ -73,6 +85,8 @@ pub struct DrawPiece {
     pub own: f32,
     /// Depth of the skirts: the largest errors drawn on both sides of the seam, metres.
     pub skirt_m: f32,
+    /// Bounds the surface that is drawn, less its skirts.
+    pub around: OrientedBox,
 }
 
 /// Objects to draw of a resident page.
@@ -101,6 +115,8 @@ pub struct SelectStats {
     pub objects_drawn: u32,
     pub objects_culled: u32,
     pub pages_missing: u32,
+    /// Of terrain in view and objects, as far as selection can tell: a page cut to a smaller cell counts by area.
+    pub triangles: u64,
     /// Detail debt, px: sum over the layers of the screen-weighted mean excess.
     pub debt_px: f64,
     pub excess_max_px: f64,
@@ -144,7 +160,7 @@ pub fn select_raised(
     demands.pin_roots(index);
     let ground = ground::under_eye(index, cells, &sight, &mut demands);
     let press = ground.and_then(|ground| ground.press(view.pose.eye.height_m));
-    let front = front::walk(index, cells, &sight, &mut demands, &mut stats);
+    let front = front::walk(index, cells, &sight, params.out_of_view, &mut demands, &mut stats);
     let skirts_m = skirts::depths_m(&front.pieces, press.as_ref());
     let mut layers = front.measures;
     let (objects, object_measure) = objects::walk(index, cells, &sight, params, &mut demands, &mut stats);
@@ -153,5 +169,17 @@ pub fn select_raised(
     stats.terrain_excess_max_px = layers.first().map_or(0.0, measure::LayerMeasure::excess_max_px);
     measure::summarize(&layers, &mut stats);
     stats.pages_missing = u32::try_from(demands.missing()).unwrap_or(u32::MAX);
-    Selection { pieces: front::draw(front.pieces, &skirts_m, cells), objects, demands: demands.finish(), press, stats }
+    let pieces = front::draw(front.pieces, &skirts_m, cells);
+    stats.triangles = triangles(&sight, &pieces, &objects);
+    Selection { pieces, objects, demands: demands.finish(), press, stats }
+}
+
+fn triangles(sight: &Sight<'_>, pieces: &[DrawPiece], objects: &[DrawObjects]) -> u64 {
+    let terrain = pieces.iter().filter(|piece| sight.sees(&piece.around)).map(|piece| {
+        let quarterings = 2 * u32::from(piece.cell.level() - piece.terrain.cell.level());
+        (piece.terrain.triangles.len() as u64).checked_shr(quarterings).unwrap_or(0).max(2)
+    });
+    let ranges =
+        objects.iter().flat_map(|drawn| drawn.objects.iter().map(|range| drawn.page.indices_of(range.clone())));
+    terrain.sum::<u64>() + ranges.map(|range| u64::from(range.end - range.start) / 3).sum::<u64>()
 }

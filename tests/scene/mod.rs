@@ -17,7 +17,7 @@ use stoop::content::{
     TerrainPage, TerrainPost,
 };
 use stoop::forest::{CellId, Zone};
-use stoop::geodesy::{Ecef, Geodetic, Point};
+use stoop::geodesy::{Ecef, Geodetic, OrientedBox, Point};
 use stoop::render::{DrawOptions, FrameStats, GpuLimits, Renderer};
 use stoop::select::{DrawObjects, DrawPiece, Selection};
 
@@ -105,7 +105,8 @@ pub fn imagery(cell: CellId, color: &dyn Fn(f64, f64) -> [u8; 3]) -> Page {
 }
 
 pub fn piece(cell: CellId, terrain: &Arc<TerrainPage>, imagery: Option<CellId>) -> DrawPiece {
-    DrawPiece { cell, terrain: Arc::clone(terrain), imagery, own: 1.0, skirt_m: 0.0 }
+    let around = OrientedBox::around(&cell.bounds(), -12_000.0, 12_000.0);
+    DrawPiece { cell, terrain: Arc::clone(terrain), imagery, own: 1.0, skirt_m: 0.0, around }
 }
 
 /// The 32 zones over the bare ellipsoid.
