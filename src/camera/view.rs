@@ -75,6 +75,13 @@ impl View {
         Mat4::from_cols(Vec4::X * x, Vec4::Y * y, Vec4::new(0.0, 0.0, 0.0, -1.0), Vec4::Z * near_m)
     }
 
+    /// The same view with `pad_px` more pixels on each side.
+    pub fn padded(&self, pad_px: u32) -> Self {
+        let size_px = self.size_px.map(|side| side.saturating_add(pad_px.saturating_mul(2)));
+        let fov_y_rad = 2.0 * (f64::from(size_px[1]) / (2.0 * self.focal_px())).atan();
+        Self { fov_y_rad, size_px, ..*self }
+    }
+
     pub fn frustum(&self) -> Frustum {
         let rotation = self.ecef_from_view.rotation();
         let tan_y = (self.fov_y_rad / 2.0).tan();

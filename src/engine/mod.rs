@@ -5,24 +5,31 @@
 //! the views alone.
 
 mod audit;
+mod cost;
 mod footprint;
 mod frame;
 mod ground;
 mod levels;
 mod lift;
+mod live;
 mod params;
 mod reader;
 mod report;
 mod residency;
+mod scene;
+mod sink;
 mod tolerance;
 mod usage;
 
+pub use cost::{CostModel, Load, TimeBudget};
 pub use footprint::{
     IN_FLIGHT_MAX, MESH_MIN_BYTES, Partition, READ_BYTES_PER_FRAME, SCRATCH_PER_SERVER_BYTES, SLACK_BYTES,
     THREADS_PER_LAYER, UPLOAD_BYTES_PER_FRAME,
 };
 pub use frame::Engine;
 pub use ground::GroundProbe;
+pub use live::{DisplayList, Live, Notify};
 pub use params::{EngineError, EngineParams, FrameRequest, Mode};
 pub use reader::Source;
 pub use report::{FrameReport, FrameTimings};
+pub use tolerance::{Aim, Lack};

@@ -36,6 +36,8 @@ pub struct EngineParams {
     pub objects: ObjectsMode,
     /// Hard limit of all bytes held; see [`Partition`](super::Partition).
     pub footprint: ByteSize,
+    /// Frame time to hold in live runs by drawing coarser, milliseconds.
+    pub frame_ms: Option<f64>,
     pub mode: Mode,
 }
 
@@ -46,6 +48,7 @@ impl Default for EngineParams {
             threshold_px: 1.0,
             objects: ObjectsMode::Groups,
             footprint: ByteSize(256 << 20),
+            frame_ms: None,
             mode: Mode::LockStep,
         }
     }
@@ -65,6 +68,8 @@ pub struct FrameRequest {
 pub enum EngineError {
     #[error("a footprint of {asked} cannot work with this world: at least {least} are needed; raise --footprint")]
     FootprintTooSmall { asked: ByteSize, least: ByteSize },
+    #[error("cannot start the scene thread: {0}; close other programs")]
+    Thread(std::io::Error),
     #[error(transparent)]
     Manager(#[from] ManagerError),
     #[error(transparent)]

@@ -1,5 +1,6 @@
 //! What one frame did and cost: feeds the display, the tests, the charts and the logs.
 
+use super::tolerance::Lack;
 use serde::Serialize;
 
 /// Counts and measures of one frame. Everything but `timings` follows from the input alone in lock-step runs.
@@ -8,8 +9,11 @@ pub struct FrameReport {
     pub frame: u64,
     /// Time on the flight's clock, seconds.
     pub t_s: f64,
-    /// The tolerance that the front was cut to: the one asked for, or more where the footprint did not hold that front.
+    /// The tolerance that the front was cut to: the one asked for, or more where the footprint or the frame's time did
+    /// not hold that front.
     pub tolerance_drawn_px: f64,
+    /// What raised it.
+    pub lack: Lack,
     /// Detail debt: sum over the layers of the screen-weighted mean excess, px.
     pub debt_px: f64,
     pub excess_max_px: f64,
@@ -67,6 +71,8 @@ pub struct FrameTimings {
     pub select_ms: f64,
     pub manage_ms: f64,
     pub lift_ms: f64,
+    /// In a window: what the render thread takes of lists and pages before it draws.
+    pub upload_ms: f64,
     /// Building meshes, recording and waiting for the pixels. On a software renderer this is drawing itself.
     pub render_ms: f64,
 }

@@ -2,6 +2,7 @@
 
 use super::footprint::{IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, THREADS_PER_LAYER, UPLOAD_BYTES_PER_FRAME};
 use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
+use super::sink::{Handover, PageSink};
 use super::usage::{Usage, drawn_pages};
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::cells::LiveTree;
@@ -12,20 +13,26 @@ use crate::paging::{
     Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PageServer, ReadError, RequestManager,
     ServerLimits, ThreadedServers,
 };
-use crate::render::Renderer;
+use crate::render::{ArenaFull, GpuLimits};
 use crate::select::{Demand, Selection, Urgency};
 use std::collections::{HashMap, HashSet};
 
 /// Messages of failures kept for the caller; further ones are only counted.
 const MESSAGES_MAX: usize = 16;
 
-/// What went on since the frame began.
+/// What went on so far.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Traffic {
     pub bytes_read: u64,
     pub seeks: u64,
     pub requests: u64,
-    pub footprint_max_bytes: u64,
+}
+
+/// Bytes that a resident page holds.
+#[derive(Clone, Copy, Debug, Default)]
+struct Held {
+    gpu: u64,
+    memory: u64,
 }
 
 /// What the request manager decided, in its order.
@@ -60,13 +67,16 @@ pub struct Residency {
     limits: Limits,
     mode: Mode,
     server: Box<dyn PageServer>,
-    /// Bytes on the GPU of each resident page.
-    gpu_bytes: HashMap<PageId, u64>,
+    /// Decoded pages on their way to the GPU; as many as may be in flight.
+    uploading: HashMap<PageId, (Page, Place)>,
+    held: HashMap<PageId, Held>,
     gpu_total_bytes: u64,
     /// Pictures under way: they will go where the arena has layers free.
     pictures_in_flight: u64,
     last_read: Option<(Zone, u64)>,
     messages: Vec<String>,
+    /// The highest since it was last asked for.
+    footprint_max_bytes: u64,
 }
 
 impl Residency {
@@ -90,87 +100,131 @@ impl Residency {
             limits,
             mode: params.mode,
             server,
-            gpu_bytes: HashMap::new(),
+            uploading: HashMap::new(),
+            held: HashMap::new(),
             gpu_total_bytes: 0,
             pictures_in_flight: 0,
             last_read: None,
             messages: Vec::new(),
+            footprint_max_bytes: 0,
         })
     }
 
     /// Loads the coarsest pages of all zones, so that the first frame already has the globe. This is the only time
     /// that anything waits for a page.
-    pub fn load_pinned(&mut self, source: &Source, renderer: &mut Renderer) {
+    pub fn load_pinned(&mut self, source: &Source, sink: &mut dyn PageSink) {
         let usual = std::mem::replace(&mut self.server, Box::new(InlineServer::new(source.reader.clone())));
         self.manager.set_limits(Limits { read_bytes_per_update: u64::MAX >> 2, ..self.limits });
         let demands = pinned_demands(&source.index);
         loop {
             let orders = self.command(&demands, 0.0);
-            self.start(orders.start, 0.0, renderer);
+            self.start(orders.start, 0.0, sink);
             if self.server.in_flight() == 0 {
                 break;
             }
-            self.receive(0.0, renderer);
+            self.receive(0.0, sink);
         }
         self.manager.set_limits(self.limits);
         self.server = usual;
     }
 
     /// Takes in what has arrived: all of it, in live runs no more than the upload budget.
-    pub fn receive(&mut self, now_s: f64, renderer: &mut Renderer) {
+    /// Gives the number of reads that ended and pages that became drawable.
+    pub fn receive(&mut self, now_s: f64, sink: &mut dyn PageSink) -> usize {
         let mut taken_bytes = 0;
+        let mut taken = 0;
         while self.mode != Mode::Live || taken_bytes < UPLOAD_BYTES_PER_FRAME {
             let Some(delivery) = self.server.poll() else { break };
-            let (page, place) = (delivery.page, delivery.place);
-            self.pictures_in_flight -= u64::from(is_picture(page));
-            let completion = self.take_in(delivery, renderer);
-            match completion {
-                Completion::Loaded { bytes } => {
-                    taken_bytes += bytes;
-                    self.usage.loaded(page, u64::from(place.len));
-                }
-                Completion::Cancelled => {}
-                Completion::Failed | Completion::Broken => self.usage.failed(u64::from(place.len)),
-            }
+            taken_bytes += self.take_in(delivery, now_s, sink);
+            taken += 1;
             // The driver holds what is uploaded a second time until it is told to go on.
             if self.mode != Mode::Live && taken_bytes >= UPLOAD_BYTES_PER_FRAME {
                 taken_bytes = 0;
-                renderer.flush_uploads();
+                sink.flush();
             }
-            self.manager.complete(Event { page, completion }, now_s);
-            self.measure(renderer);
         }
+        while let Some((id, uploaded)) = sink.poll() {
+            if let Some((page, place)) = self.uploading.remove(&id) {
+                self.admit(&page, place, uploaded, now_s, sink);
+                taken += 1;
+            }
+        }
+        taken
     }
 
-    fn take_in(&mut self, delivery: Delivery, renderer: &mut Renderer) -> Completion {
-        if !matches!(delivery.outcome, Outcome::Cancelled) {
-            self.count_read(delivery.page, delivery.place);
+    /// Gives the bytes that became resident.
+    fn take_in(&mut self, delivery: Delivery, now_s: f64, sink: &mut dyn PageSink) -> u64 {
+        let Delivery { page: id, place, outcome } = delivery;
+        if !matches!(outcome, Outcome::Cancelled) {
+            self.count_read(id, place);
         }
-        match delivery.outcome {
-            Outcome::Loaded(page) => self.admit(&page, renderer),
-            Outcome::Cancelled => Completion::Cancelled,
+        match outcome {
+            Outcome::Loaded(page) => match sink.upload(&page) {
+                Handover::Done(uploaded) => self.admit(&page, place, uploaded, now_s, sink),
+                Handover::Later => {
+                    self.uploading.insert(id, (page, place));
+                    0
+                }
+            },
+            Outcome::Cancelled => self.complete(id, place, Completion::Cancelled, now_s, sink),
             Outcome::Failed(error) => {
                 self.note(error.to_string());
-                if matches!(error, ReadError::Broken(_)) { Completion::Broken } else { Completion::Failed }
+                let broken = matches!(error, ReadError::Broken(_));
+                let completion = if broken { Completion::Broken } else { Completion::Failed };
+                self.complete(id, place, completion, now_s, sink)
             }
         }
     }
 
-    /// Uploads a page and makes it drawable.
-    fn admit(&mut self, page: &Page, renderer: &mut Renderer) -> Completion {
-        match renderer.upload(page) {
-            Ok(gpu_bytes) => {
-                let id = page.id();
-                self.gpu_total_bytes += gpu_bytes;
-                self.gpu_total_bytes -= self.gpu_bytes.insert(id, gpu_bytes).unwrap_or(0);
+    /// Makes an uploaded page drawable.
+    fn admit(
+        &mut self,
+        page: &Page,
+        place: Place,
+        uploaded: Result<u64, ArenaFull>,
+        now_s: f64,
+        sink: &mut dyn PageSink,
+    ) -> u64 {
+        let id = page.id();
+        let completion = match uploaded {
+            Ok(gpu) => {
+                let held = Held { gpu, memory: memory_bytes(page) };
+                self.gpu_total_bytes += gpu;
+                self.gpu_total_bytes -= self.held.insert(id, held).unwrap_or_default().gpu;
                 self.cells.insert(page);
-                Completion::Loaded { bytes: gpu_bytes + memory_bytes(page) }
+                Completion::Loaded { bytes: held.gpu + held.memory }
             }
             Err(full) => {
-                self.note(format!("page {:?} of cell {}: {full}", page.id().kind, page.id().cell));
+                self.note(format!("page {:?} of cell {}: {full}", id.kind, id.cell));
                 Completion::Failed
             }
-        }
+        };
+        self.complete(id, place, completion, now_s, sink)
+    }
+
+    fn complete(
+        &mut self,
+        page: PageId,
+        place: Place,
+        completion: Completion,
+        now_s: f64,
+        sink: &mut dyn PageSink,
+    ) -> u64 {
+        self.pictures_in_flight -= u64::from(is_picture(page));
+        let bytes = match completion {
+            Completion::Loaded { bytes } => {
+                self.usage.loaded(page, u64::from(place.len));
+                bytes
+            }
+            Completion::Cancelled => 0,
+            Completion::Failed | Completion::Broken => {
+                self.usage.failed(u64::from(place.len));
+                0
+            }
+        };
+        self.manager.complete(Event { page, completion }, now_s);
+        self.measure(sink);
+        bytes
     }
 
     fn count_read(&mut self, page: PageId, place: Place) {
@@ -193,19 +247,19 @@ impl Residency {
 
     /// Tells the request manager what is wanted and passes on its commands; true when a page that `selection` draws
     /// was dropped, so that it must be made again.
-    pub fn manage(&mut self, selection: &Selection, now_s: f64, renderer: &mut Renderer) -> bool {
-        let pool = self.partition.pool_bytes(self.fragmented_bytes(renderer));
+    pub fn manage(&mut self, selection: &Selection, now_s: f64, sink: &mut dyn PageSink) -> bool {
+        let pool = self.partition.pool_bytes(self.fragmented_bytes(sink));
         self.manager.set_limits(Limits { footprint_bytes: pool, ..self.limits });
         let orders = self.command(&selection.demands, now_s);
         let drawn: HashSet<PageId> =
             if orders.evict.is_empty() { HashSet::new() } else { drawn_pages(selection).collect() };
         let mut hurt = false;
         for page in orders.evict {
-            self.drop_page(page, renderer);
+            self.drop_page(page, sink);
             hurt |= drawn.contains(&page);
         }
-        self.start(orders.start, now_s, renderer);
-        self.measure(renderer);
+        self.start(orders.start, now_s, sink);
+        self.measure(sink);
         hurt
     }
 
@@ -214,6 +268,8 @@ impl Residency {
         for command in self.manager.update(demands, now_s) {
             match command {
                 Command::Start { page, place } => orders.start.push((page, place)),
+                // What is read already comes in, wanted or not.
+                Command::Cancel(page) if self.uploading.contains_key(&page) => {}
                 Command::Cancel(page) => self.server.cancel(page),
                 Command::Evict(page) => orders.evict.push(page),
             }
@@ -223,10 +279,10 @@ impl Residency {
 
     /// Passes reads to the server, the most urgent first, as far as the footprint allows: what was dropped for them may
     /// have left holes in the arenas that only later frames close.
-    fn start(&mut self, mut reads: Vec<(PageId, Place)>, now_s: f64, renderer: &Renderer) {
+    fn start(&mut self, mut reads: Vec<(PageId, Place)>, now_s: f64, sink: &dyn PageSink) {
         let pictures = |reads: &[(PageId, Place)]| reads.iter().filter(|read| is_picture(read.0)).count() as u64;
         self.pictures_in_flight += pictures(&reads);
-        while self.held_bytes(renderer) > self.partition.footprint
+        while self.held_bytes(sink) > self.partition.footprint
             && let Some((page, _)) = reads.pop()
         {
             self.take_back(page, now_s);
@@ -245,34 +301,50 @@ impl Residency {
         self.manager.complete(Event { page, completion: Completion::Cancelled }, now_s);
     }
 
-    fn drop_page(&mut self, page: PageId, renderer: &mut Renderer) {
+    fn drop_page(&mut self, page: PageId, sink: &mut dyn PageSink) {
         self.cells.remove(page);
-        renderer.remove(page);
-        self.gpu_total_bytes -= self.gpu_bytes.remove(&page).unwrap_or(0);
+        let held = self.held.remove(&page).unwrap_or_default();
+        sink.remove(page, held.memory);
+        self.gpu_total_bytes -= held.gpu;
         self.usage.dropped(page);
         self.lifts.forget(page);
     }
 
-    /// What the arenas hold beyond the pages in them and the pictures on their way into them.
-    fn fragmented_bytes(&self, renderer: &Renderer) -> u64 {
-        let arenas = renderer.allocated_bytes().saturating_sub(renderer.mesh_bytes());
-        arenas.saturating_sub(self.gpu_total_bytes + self.pictures_in_flight * PICTURE_GPU_BYTES)
+    /// What the arenas hold beyond the pages in them and the pictures on their way into them, and what is lent.
+    fn fragmented_bytes(&self, sink: &dyn PageSink) -> u64 {
+        let usage = sink.usage();
+        let arenas = usage.allocated.saturating_sub(usage.meshes);
+        usage.lent + arenas.saturating_sub(self.gpu_total_bytes + self.pictures_in_flight * PICTURE_GPU_BYTES)
     }
 
     /// All that is held or spoken for; the meshes' arena counts with its limit.
-    fn held_bytes(&self, renderer: &Renderer) -> u64 {
-        self.partition.fixed_bytes() + self.manager.footprint_bytes() + self.fragmented_bytes(renderer)
+    fn held_bytes(&self, sink: &dyn PageSink) -> u64 {
+        self.partition.fixed_bytes() + self.manager.footprint_bytes() + self.fragmented_bytes(sink)
     }
 
-    fn measure(&mut self, renderer: &Renderer) {
-        self.traffic.footprint_max_bytes = self.traffic.footprint_max_bytes.max(self.held_bytes(renderer));
+    fn measure(&mut self, sink: &dyn PageSink) {
+        self.footprint_max_bytes = self.footprint_max_bytes.max(self.held_bytes(sink));
     }
 
-    /// The figures since the last call; the footprint starts from what is held now.
-    pub fn take_traffic(&mut self, renderer: &Renderer) -> Traffic {
-        let traffic = std::mem::take(&mut self.traffic);
-        self.measure(renderer);
-        traffic
+    /// The highest footprint since the last call; the next one starts from what is held now.
+    pub fn take_footprint_max(&mut self, sink: &dyn PageSink) -> u64 {
+        self.measure(sink);
+        let highest = std::mem::take(&mut self.footprint_max_bytes);
+        self.measure(sink);
+        highest
+    }
+
+    pub fn gpu_limits(&self) -> GpuLimits {
+        self.partition.gpu_limits()
+    }
+
+    pub fn is_reading(&self) -> bool {
+        self.server.in_flight() > 0 || !self.uploading.is_empty()
+    }
+
+    /// Divides another footprint from the next update on.
+    pub fn set_partition(&mut self, partition: Partition) {
+        self.partition = partition;
     }
 }
 

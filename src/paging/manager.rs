@@ -291,6 +291,15 @@ impl RequestManager {
         }
     }
 
+    /// Whether a page that is still demanded failed, and its wait is over.
+    pub fn may_retry(&self, now_secs: f64) -> bool {
+        self.faults.iter().any(|(&page, fault)| {
+            matches!(fault, Fault::Failed { retry_at_secs, .. } if now_secs >= *retry_at_secs)
+                && self.is_wanted(page)
+                && !self.slots.contains_key(&page)
+        })
+    }
+
     /// Resident pages, those to drop first first: what is not demanded now, by its last demand, then what is only
     /// predicted, by ascending gain, then the rest. `up_to` leaves out what is demanded now above that class.
     fn in_order_of_eviction(&self, up_to: Option<Urgency>) -> Vec<PageId> {

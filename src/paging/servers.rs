@@ -42,7 +42,7 @@ pub struct Delivery {
 }
 
 /// Takes commands, gives deliveries: exactly one for each start, also for cancelled ones.
-pub trait PageServer {
+pub trait PageServer: Send {
     /// False when the queue is full; the page is then not started, and no delivery follows.
     fn start(&mut self, page: PageId, place: Place) -> bool;
     /// Drops a started page if it is not being read yet.

@@ -104,8 +104,8 @@ pub struct Arguments {
     /// Hard limit of the bytes held for pages, GPU arenas, decoding and index
     #[arg(long, default_value = "256MiB", value_parser = cli::bytes)]
     footprint: ByteSize,
-    /// Hold this frame time by drawing coarser (not in this version)
-    #[arg(long, value_name = "MS")]
+    /// Hold this frame time by drawing coarser; with --live
+    #[arg(long, value_name = "MS", value_parser = cli::positive, requires = "live")]
     frame_ms: Option<f64>,
     /// How objects are drawn
     #[arg(long, value_enum, default_value = "groups")]
@@ -150,7 +150,6 @@ impl Arguments {
             (self.sync_reads, "--sync-reads", "use --settled, which waits in every frame"),
             (self.storage.is_some(), "--storage", "leave it away; the disk is read as fast as it goes"),
             (self.faults.is_some(), "--faults", "leave it away"),
-            (self.frame_ms.is_some(), "--frame-ms", "raise --tolerance-px for shorter frames"),
         ];
         for (used, flag, instead) in later {
             if used {
@@ -201,6 +200,7 @@ impl Arguments {
                 ObjectsArgument::Groups => ObjectsMode::Groups,
             },
             footprint: self.footprint,
+            frame_ms: self.frame_ms,
             mode: self.mode(),
         }
     }

@@ -1,0 +1,37 @@
+//! What the scene thread publishes for the render thread.
+
+use crate::camera::View;
+use crate::content::PageId;
+use crate::engine::scene::Totals;
+use crate::engine::{EngineParams, FrameReport, TimeBudget};
+use crate::select::Selection;
+use std::sync::Arc;
+
+/// A selection ready to be drawn from any view near the one it was made for.
+pub struct DisplayList {
+    /// Counts up from 1.
+    pub(super) number: u64,
+    /// The view that it was selected for.
+    pub view: View,
+    pub selection: Selection,
+    /// Without what only drawing tells; what is counted between frames is in `totals`.
+    pub(super) report: FrameReport,
+    pub(super) totals: Totals,
+    /// All that the render thread has not confirmed yet, with the number of the list that brought it first.
+    pub(super) changes: Vec<(u64, Change)>,
+}
+
+/// What is to be done to the arenas before a list is drawn.
+#[derive(Clone, Debug)]
+pub(super) enum Change {
+    Remove(PageId),
+    Lift(PageId, Arc<[f32]>),
+}
+
+/// What the render thread asks the scene thread for.
+pub(super) struct Order {
+    pub view: View,
+    pub t_s: f64,
+    pub params: EngineParams,
+    pub time: Option<TimeBudget>,
+}

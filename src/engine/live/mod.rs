@@ -1,0 +1,283 @@
+//! Windows: the render thread draws the last published display list and never waits; the scene thread selects, ranks
+//! and manages; servers read and decode (Davis et al. 1999, §IV; Funkhouser 1996, fig. 2).
+//!
+//! Pages go to the render thread through a queue of uploads, from which each frame takes no more than a budget, and
+//! back come their sizes; only then may lists draw from them. What is to be removed or lifted goes with the lists, again
+//! and again until the render thread has confirmed it, as lists may be overtaken.
+
+mod latest;
+mod list;
+mod remote;
+mod thread;
+
+use super::cost::{Load, TimeBudget};
+use super::footprint::{IN_FLIGHT_MAX, Partition, UPLOAD_BYTES_PER_FRAME};
+use super::scene::{Scene, Totals, timed};
+use super::{EngineError, EngineParams, FrameReport, FrameTimings, Mode, Source};
+use crate::camera::View;
+use crate::render::{DrawOptions, GpuLimits, Renderer};
+use crate::select::OutOfView;
+use crossbeam_channel::{Receiver, Sender, bounded};
+use latest::Latest;
+pub use list::DisplayList;
+use list::{Change, Order};
+use remote::{Remote, Upload, Uploaded};
+use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
+use std::thread::{Builder, JoinHandle};
+use std::time::Instant;
+use thread::SceneThread;
+
+/// Messages that wait to be shown; further ones are left out.
+const MESSAGES_MAX: usize = 32;
+/// How far a list's view is wider than the present one on each side, at most, as a share of the picture.
+const PAD_SHARE_MAX: f64 = 0.25;
+/// A list is drawn up to so many frames after it was ordered.
+const PAD_FRAMES: f64 = 2.5;
+
+/// Called when a new list is there; from the scene thread.
+pub type Notify = Box<dyn Fn() + Send>;
+
+/// What both threads see. Nothing in it is ever waited for.
+#[derive(Default)]
+struct Shared {
+    orders: Latest<Order>,
+    lists: Latest<DisplayList>,
+    /// A list that was drawn: the scene thread lets go of its pages.
+    spent: Latest<DisplayList>,
+    /// Number of the last list whose changes were made.
+    applied: AtomicU64,
+    allocated_bytes: AtomicU64,
+    mesh_bytes: AtomicU64,
+    /// The highest since the last frame.
+    footprint_max_bytes: AtomicU64,
+}
+
+/// The render thread's side; owns the renderer. Dropped, it ends the scene thread.
+pub struct Live {
+    source: Source,
+    params: EngineParams,
+    renderer: Renderer,
+    shared: Arc<Shared>,
+    uploads: Receiver<Upload>,
+    uploaded: Sender<Uploaded>,
+    messages: Receiver<String>,
+    /// Dropped to end the scene thread.
+    wake: Option<Sender<()>>,
+    thread: Option<JoinHandle<()>>,
+    list: Option<Box<DisplayList>>,
+    /// An upload that waits for its list.
+    held_over: Option<Upload>,
+    time: TimeBudget,
+    counted: Totals,
+    frames: u64,
+    last_view: Option<View>,
+}
+
+impl Live {
+    /// What a renderer may hold for these parameters.
+    pub fn gpu_limits(source: &Source, params: &EngineParams) -> Result<GpuLimits, EngineError> {
+        Ok(Partition::new(params.footprint, Mode::Live, &source.index)?.gpu_limits())
+    }
+
+    /// Loads the coarsest pages of all zones and starts the threads; the first frame already has the globe.
+    pub fn start(
+        source: Source,
+        params: EngineParams,
+        mut renderer: Renderer,
+        view: View,
+        notify: Notify,
+    ) -> Result<Self, EngineError> {
+        let params = EngineParams { mode: Mode::Live, ..params };
+        let mut scene = Scene::new(source.clone(), params, OutOfView::Coarse)?;
+        scene.load_pinned(&mut renderer);
+        let shared = Arc::new(Shared::default());
+        let (to_render, uploads) = bounded(IN_FLIGHT_MAX);
+        let (uploaded, from_render) = bounded(IN_FLIGHT_MAX);
+        let (to_show, messages) = bounded(MESSAGES_MAX);
+        let (wake, woken) = bounded(1);
+        let remote = Remote::new(shared.clone(), to_render, from_render);
+        let order = Order { view, t_s: 0.0, params, time: None };
+        let mut scene_thread = SceneThread {
+            scene,
+            remote,
+            shared: shared.clone(),
+            wake: woken,
+            messages: to_show,
+            notify,
+            order,
+            ordered: Instant::now(),
+        };
+        let mut live = Self {
+            time: TimeBudget::new(params.frame_ms.unwrap_or(f64::INFINITY)),
+            source,
+            params,
+            renderer,
+            shared,
+            uploads,
+            uploaded,
+            messages,
+            wake: Some(wake),
+            thread: None,
+            list: None,
+            held_over: None,
+            counted: Totals::default(),
+            frames: 0,
+            last_view: None,
+        };
+        live.tell_usage();
+        live.list = Some(Box::new(scene_thread.first_list(view)));
+        let named = Builder::new().name("scene".into());
+        live.thread = Some(named.spawn(move || scene_thread.run()).map_err(EngineError::Thread)?);
+        Ok(live)
+    }
+
+    pub fn source(&self) -> &Source {
+        &self.source
+    }
+
+    pub fn params(&self) -> &EngineParams {
+        &self.params
+    }
+
+    /// From the next order on.
+    pub fn set_params(&mut self, params: EngineParams) -> Result<(), EngineError> {
+        let limits = Self::gpu_limits(&self.source, &params)?;
+        self.renderer.set_limits(limits);
+        self.params = EngineParams { mode: Mode::Live, ..params };
+        self.time.frame_ms = self.params.frame_ms.unwrap_or(f64::INFINITY);
+        Ok(())
+    }
+
+    pub fn renderer(&mut self) -> &mut Renderer {
+        &mut self.renderer
+    }
+
+    /// What the last frame drew.
+    pub fn list(&self) -> Option<&DisplayList> {
+        self.list.as_deref()
+    }
+
+    /// Messages of failures since the last call.
+    pub fn take_messages(&mut self) -> Vec<String> {
+        self.messages.try_iter().collect()
+    }
+
+    /// Draws a view from the newest list and orders the next one; `t_s` must not fall. Waits for nothing.
+    pub fn frame(&mut self, view: &View, t_s: f64) -> Result<FrameReport, EngineError> {
+        let started = Instant::now();
+        self.order(view, t_s);
+        let mut timings = FrameTimings::default();
+        timed(&mut timings.upload_ms, || {
+            self.take_list();
+            self.take_uploads();
+        });
+        let Some(list) = &self.list else { return Ok(FrameReport::default()) };
+        let options = DrawOptions::default();
+        let drawn = timed(&mut timings.render_ms, || self.renderer.draw(view, &list.selection, &options))?;
+        timings.frame_ms = started.elapsed().as_secs_f64() * 1000.0;
+        let mut report = list.report.clone();
+        report.count(&std::mem::replace(&mut self.counted, list.totals), &list.totals);
+        report.frame = self.frames;
+        report.t_s = t_s;
+        report.triangles = drawn.triangles;
+        report.draw_calls = drawn.draw_calls;
+        report.footprint_bytes = self.shared.footprint_max_bytes.swap(0, Ordering::Relaxed).max(report.footprint_bytes);
+        report.timings = FrameTimings {
+            upload_ms: timings.upload_ms,
+            render_ms: timings.render_ms,
+            frame_ms: timings.frame_ms,
+            ..report.timings
+        };
+        self.frames += 1;
+        self.tell_usage();
+        Ok(report)
+    }
+
+    /// Tells what a frame like the last one took in all, milliseconds: the next tolerance follows from it.
+    pub fn learn(&mut self, took_ms: f64) {
+        if let Some(list) = &self.list {
+            self.time.model.learn(Load::of(&list.selection), took_ms);
+        }
+    }
+
+    fn order(&mut self, view: &View, t_s: f64) {
+        let pad_px = self.last_view.map_or(0, |last| pad_px(&last, view));
+        self.last_view = Some(*view);
+        let time = self.params.frame_ms.map(|_| self.time);
+        let order = Order { view: view.padded(pad_px), t_s, params: self.params, time };
+        drop(self.shared.orders.publish(Box::new(order)));
+        self.wake();
+    }
+
+    fn wake(&self) {
+        if let Some(wake) = &self.wake {
+            // Full: it is awake already.
+            let _ = wake.try_send(());
+        }
+    }
+
+    fn take_list(&mut self) {
+        let Some(list) = self.shared.lists.take() else { return };
+        let applied = self.shared.applied.load(Ordering::Relaxed);
+        for (_, change) in list.changes.iter().filter(|&&(number, _)| number > applied) {
+            match change {
+                Change::Remove(page) => self.renderer.remove(*page),
+                Change::Lift(page, lifts_m) => self.renderer.set_lifts(*page, lifts_m),
+            }
+        }
+        self.shared.applied.store(list.number, Ordering::Release);
+        if let Some(spent) = self.list.replace(list) {
+            drop(self.shared.spent.publish(spent));
+        }
+    }
+
+    fn take_uploads(&mut self) {
+        let applied = self.shared.applied.load(Ordering::Relaxed);
+        let mut taken_bytes = 0;
+        while taken_bytes < UPLOAD_BYTES_PER_FRAME
+            && let Some((number, page)) = self.held_over.take().or_else(|| self.uploads.try_recv().ok())
+        {
+            if number > applied {
+                self.held_over = Some((number, page));
+                break;
+            }
+            let result = self.renderer.upload(&page);
+            taken_bytes += result.unwrap_or(0);
+            // The queue holds as many as may be in flight.
+            let _ = self.uploaded.try_send((page.id(), result));
+        }
+        if taken_bytes > 0 {
+            self.wake();
+        }
+    }
+
+    fn tell_usage(&self) {
+        self.shared.allocated_bytes.store(self.renderer.allocated_bytes(), Ordering::Relaxed);
+        self.shared.mesh_bytes.store(self.renderer.mesh_bytes(), Ordering::Relaxed);
+    }
+
+    /// Whether uploads wait for the next frame.
+    pub fn has_uploads(&self) -> bool {
+        self.held_over.is_some() || !self.uploads.is_empty()
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        self.wake = None;
+        if let Some(thread) = self.thread.take() {
+            // A panic there was shown where it happened.
+            let _ = thread.join();
+        }
+    }
+}
+
+/// How much wider the next list must be, given how far the picture moved since the last frame.
+fn pad_px(last: &View, view: &View) -> u32 {
+    let turned_rad = last.forward().angle_between(view.forward());
+    let height_m = view.pose.eye.height_m.abs().max(1.0);
+    let moved_rad = (view.eye() - last.eye()).xyz().length() / height_m;
+    let pad_px = PAD_FRAMES * (turned_rad + moved_rad) * view.focal_px();
+    pad_px.min(PAD_SHARE_MAX * f64::from(view.size_px[0].max(view.size_px[1]))) as u32
+}

@@ -1,0 +1,102 @@
+//! The scene thread: takes the newest order, selects, manages, publishes.
+
+use super::list::{DisplayList, Order};
+use super::remote::Remote;
+use super::{Notify, Shared};
+use crate::camera::View;
+use crate::engine::FrameTimings;
+use crate::engine::scene::Scene;
+use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
+use std::sync::Arc;
+use std::sync::atomic::Ordering;
+use std::time::{Duration, Instant};
+
+/// How often arrivals are looked for while pages are under way.
+const LOOK_EVERY: Duration = Duration::from_millis(4);
+/// How often a scene at rest looks whether a failed page may be tried again.
+const REST: Duration = Duration::from_millis(250);
+
+pub(super) struct SceneThread {
+    pub scene: Scene,
+    pub remote: Remote,
+    pub shared: Arc<Shared>,
+    /// Something is there to do; its end is the end of this thread.
+    pub wake: Receiver<()>,
+    pub messages: Sender<String>,
+    pub notify: Notify,
+    pub order: Order,
+    /// The real time of `order.t_s`.
+    pub ordered: Instant,
+}
+
+impl SceneThread {
+    pub fn run(mut self) {
+        loop {
+            let wait = if self.scene.is_busy() { LOOK_EVERY } else { REST };
+            match self.wake.recv_timeout(wait) {
+                Err(RecvTimeoutError::Disconnected) => return,
+                Ok(()) | Err(RecvTimeoutError::Timeout) => {}
+            }
+            let news = self.take_order() | self.receive();
+            if news || self.scene.wants_step(self.now_s()) {
+                self.step();
+            }
+            drop(self.shared.spent.take());
+        }
+    }
+
+    /// Time on the flight's clock: it goes on between orders, for pages that are to be tried again.
+    fn now_s(&self) -> f64 {
+        self.order.t_s + self.ordered.elapsed().as_secs_f64()
+    }
+
+    fn take_order(&mut self) -> bool {
+        let Some(order) = self.shared.orders.take() else { return false };
+        self.ordered = Instant::now();
+        if order.params != self.order.params
+            && let Err(error) = self.scene.set_params(order.params)
+        {
+            self.tell(error.to_string());
+        }
+        self.order = *order;
+        self.scene.time = self.order.time;
+        true
+    }
+
+    fn receive(&mut self) -> bool {
+        let now_s = self.now_s();
+        self.scene.residency.receive(now_s, &mut self.remote) > 0
+    }
+
+    /// The list of a view before the thread runs; what it asks for is under way then.
+    pub fn first_list(&mut self, view: View) -> DisplayList {
+        self.order.view = view;
+        self.make_list()
+    }
+
+    fn step(&mut self) {
+        let list = self.make_list();
+        drop(self.shared.lists.publish(Box::new(list)));
+        (self.notify)();
+    }
+
+    fn make_list(&mut self) -> DisplayList {
+        let (view, now_s) = (self.order.view, self.now_s());
+        let mut timings = FrameTimings::default();
+        let chosen = self.scene.advance(&view, now_s, &mut self.remote, &mut timings);
+        let mut report = self.scene.report(&chosen, self.order.t_s, &self.remote);
+        report.timings = timings;
+        self.shared.footprint_max_bytes.fetch_max(report.footprint_bytes, Ordering::Relaxed);
+        for message in self.scene.residency.take_messages() {
+            self.tell(message);
+        }
+        let (number, changes) = self.remote.publish();
+        let totals = self.scene.totals();
+        DisplayList { number, view, selection: chosen.selection, report, totals, changes }
+    }
+
+    /// What does not fit into the queue is one of many of its kind.
+    fn tell(&self, message: String) {
+        let _ = self.messages.try_send(message);
+    }
+}

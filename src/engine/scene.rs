@@ -1,0 +1,234 @@
+//! The part of a frame that needs no GPU: completions, selection, requests, lifts.
+
+use super::cost::TimeBudget;
+use super::footprint::Partition;
+use super::levels::DrawnLevels;
+use super::lift::Ground;
+use super::residency::Residency;
+use super::sink::PageSink;
+use super::tolerance::{DrawnTolerance, Lack};
+use super::{EngineError, EngineParams, FrameReport, FrameTimings, Mode, Source};
+use crate::camera::View;
+use crate::select::{OutOfView, SelectParams, Selection, select_raised};
+use std::time::Instant;
+
+/// How long a settled frame waits for a failed page between tries, on its own clock, seconds.
+const SETTLE_WAIT_S: f64 = 0.25;
+
+/// A world, what is resident of it, and what is selected of that.
+pub struct Scene {
+    pub source: Source,
+    pub params: EngineParams,
+    pub residency: Residency,
+    out_of_view: OutOfView,
+    tolerance: DrawnTolerance,
+    /// Holds the frame time, where one is asked for.
+    pub time: Option<TimeBudget>,
+    levels: DrawnLevels,
+    level_switches: u64,
+    /// What settling has waited beyond the flight's clock, seconds.
+    waited_s: f64,
+}
+
+/// What a step chose to draw.
+pub struct Chosen {
+    pub selection: Selection,
+    /// A page of the front was missing when the step began: there a renderer that reads on demand would have waited
+    /// (Varadhan & Manocha 2002, §5).
+    pub would_have_waited: bool,
+}
+
+/// Sums since the scene began; what happened in between is the difference of two.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Totals {
+    pub level_switches: u64,
+    pub bytes_read: u64,
+    pub seeks: u64,
+    pub requests: u64,
+    pub cancelled: u64,
+    pub failed: u64,
+    pub evicted: u64,
+}
+
+impl Scene {
+    pub fn new(source: Source, params: EngineParams, out_of_view: OutOfView) -> Result<Self, EngineError> {
+        let partition = Partition::new(params.footprint, params.mode, &source.index)?;
+        let residency = Residency::new(&params, partition, &source)?;
+        Ok(Self {
+            source,
+            params,
+            residency,
+            out_of_view,
+            tolerance: DrawnTolerance::default(),
+            time: None,
+            levels: DrawnLevels::default(),
+            level_switches: 0,
+            waited_s: 0.0,
+        })
+    }
+
+    /// Loads the coarsest pages of all zones.
+    pub fn load_pinned(&mut self, sink: &mut dyn PageSink) {
+        self.residency.load_pinned(&self.source, sink);
+    }
+
+    /// Completions, selection and requests; once, or until settled. In lock-step, what this frame's budget could read
+    /// is drawn in this frame.
+    pub fn advance(&mut self, view: &View, t_s: f64, sink: &mut dyn PageSink, timings: &mut FrameTimings) -> Chosen {
+        let mut waited = None;
+        let selection = loop {
+            let now_s = t_s + self.waited_s;
+            timed(&mut timings.complete_ms, || self.residency.receive(now_s, sink));
+            let mut selection = timed(&mut timings.select_ms, || self.choose(view));
+            waited.get_or_insert(selection.stats.pages_missing > 0);
+            let hurt = timed(&mut timings.manage_ms, || self.residency.manage(&selection, now_s, sink));
+            if hurt {
+                selection = timed(&mut timings.select_ms, || self.select_at(view, self.tolerance.factor()));
+            }
+            let mode = self.params.mode;
+            match mode {
+                Mode::Settled if !self.is_settled() => {}
+                Mode::LockStep if self.residency.manager.stats().in_flight > 0 => {
+                    timed(&mut timings.complete_ms, || self.residency.receive(now_s, sink));
+                    break timed(&mut timings.select_ms, || self.choose(view));
+                }
+                _ => break selection,
+            }
+        };
+        timed(&mut timings.lift_ms, || self.lift(&selection, sink));
+        self.residency.usage.drawn(&selection);
+        self.level_switches += u64::from(self.levels.switch(selection.pieces.iter().map(|piece| piece.cell)));
+        Chosen { selection, would_have_waited: waited.unwrap_or(false) }
+    }
+
+    fn is_settled(&mut self) -> bool {
+        if self.residency.manager.stats().in_flight > 0 {
+            return false;
+        }
+        let settled = self.residency.manager.is_idle();
+        if !settled {
+            self.waited_s += SETTLE_WAIT_S;
+        }
+        settled && !self.tolerance.is_moving()
+    }
+
+    /// The front at the tolerance asked for, or at the least one whose front fits into the footprint and the time.
+    fn choose(&mut self, view: &View) -> Selection {
+        let mut tolerance = std::mem::take(&mut self.tolerance);
+        let selection = tolerance.settle(
+            |factor| self.select_at(view, factor),
+            |selection, aim| {
+                if !self.residency.manager.fits(&selection.demands) {
+                    return Some(Lack::Memory);
+                }
+                let slow = self.time.is_some_and(|time| !time.allows(selection, aim));
+                slow.then_some(Lack::Time)
+            },
+        );
+        self.tolerance = tolerance;
+        selection
+    }
+
+    fn select_at(&self, view: &View, factor: f64) -> Selection {
+        let params = SelectParams {
+            tolerance_px: self.params.tolerance_px,
+            threshold_px: self.params.threshold_px,
+            objects: self.params.objects,
+            out_of_view: self.out_of_view,
+        };
+        select_raised(&self.source.index, &self.residency.cells, view, &params, params.tolerance_px * factor)
+    }
+
+    fn lift(&mut self, selection: &Selection, sink: &mut dyn PageSink) {
+        let ground = Ground::new(&selection.pieces);
+        for drawn in &selection.objects {
+            if let Some((page, lifts_m)) = self.residency.lifts.update(&self.source.index, &ground, drawn) {
+                sink.set_lifts(page, lifts_m);
+            }
+        }
+    }
+
+    /// Whether something is under way that may change what is drawn of the same view.
+    pub fn is_busy(&self) -> bool {
+        self.residency.is_reading() || self.tolerance.is_moving()
+    }
+
+    /// Whether a step would choose otherwise though neither view nor pages changed: the tolerance comes back, or a
+    /// failed page may be tried again by now.
+    pub fn wants_step(&self, now_s: f64) -> bool {
+        self.tolerance.is_moving() || self.residency.manager.may_retry(now_s)
+    }
+
+    pub fn totals(&self) -> Totals {
+        let (traffic, stats) = (self.residency.traffic, self.residency.manager.stats());
+        Totals {
+            level_switches: self.level_switches,
+            bytes_read: traffic.bytes_read,
+            seeks: traffic.seeks,
+            requests: traffic.requests,
+            cancelled: stats.cancelled,
+            failed: stats.failed,
+            evicted: stats.evicted,
+        }
+    }
+
+    /// Changes what can be changed while flying. A footprint that cannot work leaves all as it was.
+    pub fn set_params(&mut self, params: EngineParams) -> Result<(), EngineError> {
+        let partition = Partition::new(params.footprint, params.mode, &self.source.index)?;
+        self.residency.set_partition(partition);
+        self.params = EngineParams { mode: self.params.mode, ..params };
+        Ok(())
+    }
+
+    /// The report of a selection that is not drawn yet: no triangles, draw calls and drawing times.
+    pub fn report(&mut self, chosen: &Chosen, t_s: f64, sink: &dyn PageSink) -> FrameReport {
+        let stats = self.residency.manager.stats();
+        let selected = &chosen.selection.stats;
+        FrameReport {
+            t_s,
+            tolerance_drawn_px: self.params.tolerance_px * self.tolerance.factor(),
+            lack: self.tolerance.lack(),
+            debt_px: selected.debt_px,
+            excess_max_px: selected.excess_max_px,
+            terrain_excess_max_px: selected.terrain_excess_max_px,
+            excess_p99_px: selected.excess_p99_px,
+            raw_error_px: selected.raw_error_px,
+            // No share is −0.
+            coverage: selected.coverage + 0.0,
+            cells_tested: selected.cells_tested,
+            cells_culled: selected.cells_culled,
+            cells_drawn: chosen.selection.pieces.len() as u32,
+            objects_tested: selected.objects_tested,
+            objects_drawn: selected.objects_drawn,
+            objects_culled: selected.objects_culled,
+            pages_missing: selected.pages_missing,
+            would_have_waited: chosen.would_have_waited,
+            ground_pressed: chosen.selection.press.is_some_and(|press| press.buries_eye()),
+            in_flight: stats.in_flight,
+            resident_pages: stats.resident_pages,
+            footprint_bytes: self.residency.take_footprint_max(sink),
+            ..FrameReport::default()
+        }
+    }
+}
+
+impl FrameReport {
+    /// Takes in what happened between two counts.
+    pub(super) fn count(&mut self, before: &Totals, now: &Totals) {
+        self.level_switches = (now.level_switches - before.level_switches) as u32;
+        self.bytes_read = now.bytes_read - before.bytes_read;
+        self.seeks = now.seeks - before.seeks;
+        self.requests = now.requests - before.requests;
+        self.cancelled = now.cancelled - before.cancelled;
+        self.failed = now.failed - before.failed;
+        self.evicted = now.evicted - before.evicted;
+    }
+}
+
+/// Runs a stage and adds its time.
+pub(super) fn timed<T>(total_ms: &mut f64, stage: impl FnOnce() -> T) -> T {
+    let started = Instant::now();
+    let result = stage();
+    *total_ms += started.elapsed().as_secs_f64() * 1000.0;
+    result
+}
