@@ -165,7 +165,6 @@ fn flags_of_later_versions_are_refused_in_one_line() {
         vec!["--sync-reads"],
         vec!["--storage", "hdd"],
         vec!["--faults", "errors=0.1"],
-        vec!["--frame-ms", "33"],
     ] {
         let (code, said) = stoop(&[&["fly", "world", "--path", "path.json"], &*flag].concat());
         assert_eq!(code, 2, "{flag:?}: {said}");

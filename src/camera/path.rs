@@ -115,6 +115,37 @@ impl FlightPath {
         Ok(Self { fovy_rad: read.fovy_deg.to_radians(), hz: read.hz, samples, stated_arrivals_s: read.arrivals_s })
     }
 
+    /// A flight from poses at times, in seconds, each later than the one before it; those that are not are left out.
+    /// `None` without samples.
+    pub fn new(fovy_rad: f64, hz: f64, poses: impl IntoIterator<Item = (f64, Pose)>) -> Option<Self> {
+        let mut samples: Vec<Sample> = Vec::new();
+        for (t_s, pose) in poses {
+            if t_s.is_finite() && samples.last().is_none_or(|last| last.t_s < t_s) {
+                samples.push(Sample { t_s, pose });
+            }
+        }
+        (!samples.is_empty()).then_some(Self { fovy_rad, hz, samples, stated_arrivals_s: None })
+    }
+
+    /// The file's text, a sample a line; angles to a nanodegree (0.1 mm), heights to a tenth of a millimetre.
+    pub fn to_json(&self) -> String {
+        let sample = |sample: &Sample| {
+            let Pose { eye, heading_rad, pitch_rad } = sample.pose;
+            let (lon, lat) = (eye.lon_deg(), eye.lat_deg());
+            let (heading, pitch) = (heading_rad.to_degrees().rem_euclid(360.0), pitch_rad.to_degrees());
+            format!("[{:.6}, {lon:.9}, {lat:.9}, {:.4}, {heading:.7}, {pitch:.7}]", sample.t_s, eye.height_m)
+        };
+        let columns = COLUMNS.map(|column| format!("\"{column}\"")).join(", ");
+        let samples: Vec<String> = self.samples.iter().map(sample).collect();
+        let arrivals = self.stated_arrivals_s.as_ref().map_or(String::new(), |s| format!(" \"arrivals_s\": {s:?},\n"));
+        format!(
+            "{{\n \"fovy_deg\": {}, \"hz\": {},\n \"columns\": [{columns}],\n{arrivals} \"samples\": [\n  {}\n ]\n}}\n",
+            self.fovy_rad.to_degrees(),
+            self.hz,
+            samples.join(",\n  ")
+        )
+    }
+
     pub fn fovy_rad(&self) -> f64 {
         self.fovy_rad
     }

@@ -11,5 +11,5 @@ pub use flight::{
     Arrival, FRAMES_FILE, FlightHeader, FlightLog, FlightSummary, RecordError, SHARP_COVERAGE, TIMINGS_FILE,
 };
 pub use memory::peak_rss_bytes;
-pub use pictures::{NpyScalar, picture_name, write_npy, write_png, write_text};
+pub use pictures::{NpyScalar, picture_name, png_bytes, write_npy, write_png, write_text};
 pub use video::Video;

@@ -17,12 +17,18 @@ pub fn picture_name(t_s: f64, step_s: f64) -> String {
 
 /// Writes RGBA8 rows from the top as an RGB picture.
 pub fn write_png(file: &Path, size_px: [u32; 2], rgba: &[u8]) -> Result<(), RecordError> {
+    let bytes = png_bytes(size_px, rgba)
+        .map_err(|error| RecordError::Encode { file: file.to_owned(), cause: error.to_string() })?;
+    write_file(file, bytes)
+}
+
+/// RGBA8 rows from the top as a PNG without its alpha.
+pub fn png_bytes(size_px: [u32; 2], rgba: &[u8]) -> Result<Vec<u8>, image::ImageError> {
     let rgb: Vec<u8> = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
     let mut bytes = Vec::new();
     png::PngEncoder::new_with_quality(&mut bytes, png::CompressionType::Fast, png::FilterType::Adaptive)
-        .write_image(&rgb, size_px[0], size_px[1], ExtendedColorType::Rgb8)
-        .map_err(|error| RecordError::Encode { file: file.to_owned(), cause: error.to_string() })?;
-    write_file(file, bytes)
+        .write_image(&rgb, size_px[0], size_px[1], ExtendedColorType::Rgb8)?;
+    Ok(bytes)
 }
 
 /// Writes a text file whole or not at all.

@@ -1,0 +1,476 @@
+//! What lives with a window: renderer and threads, the eye, panels; and one frame of it.
+
+use super::hands::{Hands, Taken};
+use super::overlays::{self, Drawn};
+use super::panels::{Action, FrameTimes, MessageKind, Messages, Panels, Place, Playback, Quality, Shown};
+use super::recorder::{Recorder, Replay};
+use super::saver::Saver;
+use super::{WindowError, WindowOptions};
+use crate::camera::{Destination, FlightPath, NavInput, Navigator, Pose, Surroundings, View};
+use crate::engine::{DrawnGround, EngineError, EngineParams, FrameReport, Live, Notify, PickCache};
+use crate::geodesy::Geodetic;
+use crate::render::{Overlay, Presented, Renderer, Skip};
+use crate::units::ByteSize;
+use egui::ViewportId;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use winit::event::WindowEvent;
+use winit::window::Window;
+
+/// Vertical field of view of the eye.
+const FOV_Y_RAD: f64 = std::f64::consts::FRAC_PI_3;
+/// From where a place that was typed is looked at, metres, and how steeply.
+const TYPED_DISTANCE_M: f64 = 1500.0;
+const TYPED_PITCH_RAD: f64 = -std::f64::consts::FRAC_PI_4;
+/// After a frame that was skipped the next one is tried this much later.
+const SKIPPED_WAIT: Duration = Duration::from_millis(100);
+
+/// A view with a name.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Bookmark {
+    pub name: String,
+    pub pose: Pose,
+}
+
+/// When the next frame is due.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Next {
+    Now,
+    At(Instant),
+    /// When something happens.
+    Never,
+}
+
+/// What a frame leaves behind.
+pub struct Frame {
+    pub report: FrameReport,
+    pub shown: bool,
+    pub next: Next,
+    /// For the application: what the stage cannot do itself.
+    pub actions: Vec<Action>,
+}
+
+/// The things that stay when the device is lost.
+pub struct Stage {
+    window: Arc<Window>,
+    live: Live,
+    egui: egui_winit::State,
+    overlay: Overlay,
+    hands: Hands,
+    navigator: Navigator,
+    pub panels: Panels,
+    messages: Messages,
+    frame_times: FrameTimes,
+    picks: PickCache,
+    cursor_px: Option<[f64; 2]>,
+    recorder: Option<Recorder>,
+    /// The last recording, or the flight that the program was started with.
+    last_path: Option<FlightPath>,
+    replay: Option<Replay>,
+    saver: Saver,
+    picture_asked: bool,
+    report: FrameReport,
+    bytes_read: u64,
+    started: Instant,
+    /// End of the last frame, where the next one followed without a pause.
+    last_end: Option<Instant>,
+    occluded: bool,
+    names: Vec<String>,
+    bookmarks: Vec<Bookmark>,
+    credits: Vec<String>,
+    footprint_least: ByteSize,
+}
+
+impl Stage {
+    /// Opens the renderer and starts the threads; `pose` is the first view.
+    pub fn open(
+        window: Arc<Window>,
+        options: &WindowOptions,
+        params: EngineParams,
+        panels: Panels,
+        pose: Pose,
+        notify: impl Fn() + Send + Clone + 'static,
+    ) -> Result<Self, WindowError> {
+        let size_px = size_of(&window);
+        let live = start(&window, options, params, View::new(pose, FOV_Y_RAD, size_px.map(|side| side.max(1))), Box::new(notify.clone()))?;
+        let context = egui::Context::default();
+        let scale = window.scale_factor() as f32;
+        let egui = egui_winit::State::new(context, ViewportId::ROOT, &window, Some(scale), None, None);
+        let home = options.bookmarks.first().map_or(pose, |home| home.pose);
+        let mut stage = Self {
+            egui,
+            overlay: Overlay::default(),
+            hands: Hands::default(),
+            navigator: Navigator::new(pose, home, FOV_Y_RAD),
+            panels,
+            messages: Messages::default(),
+            frame_times: FrameTimes::default(),
+            picks: PickCache::default(),
+            cursor_px: None,
+            recorder: None,
+            last_path: options.replay.clone(),
+            replay: None,
+            saver: Saver::start(notify).map_err(WindowError::Thread)?,
+            picture_asked: false,
+            report: FrameReport::default(),
+            bytes_read: 0,
+            started: Instant::now(),
+            last_end: None,
+            occluded: false,
+            names: options.bookmarks.iter().map(|bookmark| bookmark.name.clone()).collect(),
+            bookmarks: options.bookmarks.clone(),
+            credits: options.source.manifest.credits(),
+            footprint_least: Live::least_footprint(&options.source),
+            window,
+            live,
+        };
+        let side_px = stage.live.renderer().max_texture_side_px();
+        stage.egui.set_max_texture_side(side_px as usize);
+        if stage.last_path.is_some() {
+            stage.do_action(Action::Replay(true));
+        }
+        Ok(stage)
+    }
+
+    /// A new renderer and new threads for the same window, after the device was lost.
+    pub fn reopen(&mut self, options: &WindowOptions, notify: Notify) -> Result<(), WindowError> {
+        let (params, view) = (*self.live.params(), self.view(self.now_s()));
+        self.live.close();
+        self.live = start(&self.window, options, params, view, notify)?;
+        let fonts = Overlay::fonts_of(self.egui.egui_ctx());
+        self.overlay = Overlay { textures: fonts, ..Overlay::default() };
+        self.say(MessageKind::Failed, "the graphics device was lost; a new one draws on".into());
+        Ok(())
+    }
+
+    pub fn window(&self) -> &Window {
+        &self.window
+    }
+
+    pub fn adapter_name(&mut self) -> String {
+        self.live.renderer().adapter_name().to_owned()
+    }
+
+    pub fn is_lost(&mut self) -> bool {
+        self.live.renderer().is_lost()
+    }
+
+    pub fn quality(&self) -> Quality {
+        let params = self.live.params();
+        Quality { tolerance_px: params.tolerance_px, footprint: params.footprint, frame_ms: params.frame_ms }
+    }
+
+    /// Where the eye is.
+    pub fn pose(&self) -> Pose {
+        self.replay.as_ref().map_or(self.navigator.pose(), |replay| replay.pose(self.now_s()))
+    }
+
+    /// Seconds since the window opened.
+    fn now_s(&self) -> f64 {
+        self.started.elapsed().as_secs_f64()
+    }
+
+    fn size_px(&self) -> [u32; 2] {
+        size_of(&self.window).map(|side| side.max(1))
+    }
+
+    /// The view at a time, without moving the eye.
+    fn view(&self, now_s: f64) -> View {
+        match &self.replay {
+            Some(replay) => View::new(replay.pose(now_s), replay.path.fovy_rad(), self.size_px()),
+            None => View::new(self.navigator.pose(), FOV_Y_RAD, self.size_px()),
+        }
+    }
+
+    pub fn say(&mut self, kind: MessageKind, text: String) {
+        self.messages.say(kind, text, self.now_s());
+    }
+
+    /// Takes an event of the window; true when a frame should follow.
+    pub fn event(&mut self, event: &WindowEvent) -> bool {
+        let response = self.egui.on_window_event(&self.window, event);
+        match event {
+            WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => {
+                let size_px = size_of(&self.window);
+                self.live.renderer().set_size(size_px);
+                return true;
+            }
+            WindowEvent::Occluded(occluded) => {
+                self.occluded = *occluded;
+                return !occluded;
+            }
+            WindowEvent::CursorMoved { position, .. } => self.cursor_px = Some([position.x, position.y]),
+            WindowEvent::CursorLeft { .. } => self.cursor_px = None,
+            _ => {}
+        }
+        let context = self.egui.egui_ctx();
+        let taken =
+            Taken { pointer: context.egui_wants_pointer_input(), keyboard: context.egui_wants_keyboard_input() };
+        let input = self.hands.translate(event, self.window.scale_factor(), taken);
+        if let Some(input) = input {
+            self.navigate(input);
+        }
+        response.repaint || input.is_some()
+    }
+
+    fn navigate(&mut self, input: NavInput) {
+        let now_s = self.now_s();
+        let is_passive = matches!(input, NavInput::PointerMoved(_) | NavInput::PointerLeft | NavInput::Released(_))
+            || matches!(input, NavInput::Hold(_, false) | NavInput::Unfocused);
+        if !is_passive {
+            self.end_replay();
+        }
+        let size_px = self.size_px();
+        let (navigator, around) = (&mut self.navigator, self.live.surroundings(&self.picks));
+        navigator.input(input, now_s, size_px, &around);
+    }
+
+    /// The eye goes on from where a replay is.
+    fn end_replay(&mut self) {
+        if let Some(replay) = self.replay.take() {
+            self.navigator.place(replay.pose(self.now_s()));
+        }
+    }
+
+    /// Draws a frame, unless there is nothing to draw into.
+    pub fn frame(&mut self) -> Result<Option<Frame>, WindowError> {
+        let size_px = size_of(&self.window);
+        if size_px.contains(&0) || self.occluded {
+            self.last_end = None;
+            return Ok(None);
+        }
+        let (begun, now_s) = (Instant::now(), self.now_s());
+        let view = self.step(now_s, size_px);
+        let mut report = self.live.frame(&view, now_s)?;
+        self.bytes_read += report.bytes_read;
+        let (mut actions, repaint) = self.lay_out(&view, now_s);
+        actions.retain(|&action| !self.do_action(action));
+        self.tell_news();
+        let drawn_ms = begun.elapsed().as_secs_f64() * 1000.0;
+        let presented = self.live.renderer().present(&mut self.overlay)?;
+        self.ask_for_picture()?;
+        self.time(&mut report, begun, drawn_ms);
+        let next = self.next(presented, repaint, now_s);
+        self.last_end = (next == Next::Now).then(Instant::now);
+        self.report = report.clone();
+        Ok(Some(Frame { report, shown: presented == Presented::Shown, next, actions }))
+    }
+
+    /// Moves the eye, or the replay, and records it.
+    fn step(&mut self, now_s: f64, size_px: [u32; 2]) -> View {
+        if self.replay.as_ref().is_some_and(|replay| replay.is_over(now_s)) {
+            self.end_replay();
+        }
+        let view = match &self.replay {
+            Some(_) => self.view(now_s),
+            None => {
+                let (navigator, around) = (&mut self.navigator, self.live.surroundings(&self.picks));
+                navigator.step(now_s, size_px, &around)
+            }
+        };
+        if let Some(recorder) = &mut self.recorder {
+            recorder.push(now_s, view.pose);
+            if recorder.is_full() {
+                self.do_action(Action::Record(false));
+            }
+        }
+        view
+    }
+
+    /// Panels and overlays; gives what was asked for and when they change by themselves.
+    fn lay_out(&mut self, view: &View, now_s: f64) -> (Vec<Action>, Duration) {
+        let input = self.egui.take_egui_input(&self.window);
+        let context = self.egui.egui_ctx().clone();
+        let around = self.live.surroundings(&self.picks);
+        let place = |at_px: [f64; 2]| around.pick(view, at_px).map(Geodetic::from_ecef);
+        let wants_places = self.panels.open.status || self.panels.asks_for_place();
+        let middle_px = view.size_px.map(|side| f64::from(side) / 2.0);
+        let eye = view.pose.eye;
+        let list = self.live.list();
+        let gpu_ms = self.live.gpu_ms();
+        let shown = Shown {
+            now_s,
+            view: *view,
+            cursor: self.cursor_px.filter(|_| wants_places).and_then(place),
+            middle: wants_places.then(|| place(middle_px)).flatten(),
+            above_ground_m: around.ground_m(eye.lat_rad, eye.lon_rad).map(|ground_m| eye.height_m - ground_m),
+            frame_times: &self.frame_times,
+            report: &self.report,
+            gpu_ms,
+            asked: self.quality(),
+            footprint_least: self.footprint_least,
+            pages: list.map(|list| list.pages).unwrap_or_default(),
+            awaited_s: list.and_then(|list| list.awaited_s),
+            bytes_read: self.bytes_read,
+            world: &self.live.source().manifest.name,
+            credits: &self.credits,
+            bookmarks: &self.names,
+            messages: &self.messages,
+            playback: self.playback(now_s),
+        };
+        let mut actions = Vec::new();
+        let (panels, overlays) = (&mut self.panels, self.live.list());
+        let output = context.run_ui(input, |ui| {
+            actions.extend(panels.show(ui.ctx(), &shown));
+            if let Some(list) = overlays {
+                let drawn = Drawn { view, pieces: &list.selection.pieces, lacking: &list.lacking };
+                overlays::show(ui.ctx(), panels.overlays, &drawn);
+            }
+        });
+        self.egui.handle_platform_output(&self.window, output.platform_output);
+        let pixels_per_point = output.pixels_per_point;
+        let primitives = context.tessellate(output.shapes, pixels_per_point);
+        self.overlay.replace(Overlay { textures: output.textures_delta, primitives, pixels_per_point });
+        let repaint = output.viewport_output.get(&ViewportId::ROOT).map_or(Duration::MAX, |root| root.repaint_delay);
+        (actions, repaint)
+    }
+
+    fn playback(&self, now_s: f64) -> Playback {
+        match (&self.recorder, &self.replay) {
+            (Some(recorder), _) => Playback::Recording { at_s: recorder.at_s(now_s) },
+            (None, Some(replay)) => {
+                Playback::Replaying { at_s: replay.at_s(now_s), of_s: replay.path.duration_s() }
+            }
+            (None, None) => Playback::Off,
+        }
+    }
+
+    /// What happened beside the frames.
+    fn tell_news(&mut self) {
+        for message in self.live.take_messages() {
+            self.say(MessageKind::Failed, message);
+        }
+        let said: Vec<_> = self.saver.said().collect();
+        for saved in said {
+            match saved {
+                Ok(text) => self.say(MessageKind::Done, text),
+                Err(text) => self.say(MessageKind::Failed, text),
+            }
+        }
+        match self.live.renderer().poll_picture() {
+            None => {}
+            Some(Ok((size_px, rgba))) => {
+                if !self.saver.save(size_px, rgba) {
+                    self.say(MessageKind::Failed, "too many screenshots at once: this one was not saved".into());
+                }
+            }
+            Some(Err(error)) => self.say(MessageKind::Failed, format!("no screenshot: {error}")),
+        }
+    }
+
+    fn ask_for_picture(&mut self) -> Result<(), WindowError> {
+        if std::mem::take(&mut self.picture_asked) {
+            self.live.renderer().request_picture().map_err(EngineError::from)?;
+        }
+        Ok(())
+    }
+
+    /// Writes the frame's times down: its own, or from the end of the one before where they follow without a pause.
+    fn time(&mut self, report: &mut FrameReport, begun: Instant, drawn_ms: f64) {
+        let since = self.last_end.unwrap_or(begun);
+        report.timings.frame_ms = since.elapsed().as_secs_f64() * 1000.0;
+        self.frame_times.push(report.timings.frame_ms);
+        let gpu_ms = self.live.gpu_ms();
+        // What waits for the display is no cost; where the GPU's time cannot be told it is in the frame's.
+        self.live.learn(gpu_ms.map_or(report.timings.frame_ms, |gpu_ms| drawn_ms + gpu_ms));
+    }
+
+    fn next(&mut self, presented: Presented, repaint: Duration, now_s: f64) -> Next {
+        match presented {
+            Presented::Skipped(Skip::Minimized | Skip::Occluded) => return Next::Never,
+            Presented::Skipped(_) => return Next::At(Instant::now() + SKIPPED_WAIT),
+            Presented::Shown => {}
+        }
+        let moves = self.replay.is_some() || self.navigator.is_moving() || self.live.has_uploads();
+        if moves || self.picture_asked || self.live.renderer().has_picture_pending() || repaint.is_zero() {
+            return Next::Now;
+        }
+        let fades = self.messages.changes_in_s(now_s).map_or(Duration::MAX, Duration::from_secs_f64);
+        // While pages are awaited the time shown with them runs on.
+        let waits = self.live.list().and_then(|list| list.awaited_s).map_or(Duration::MAX, |_| SKIPPED_WAIT);
+        let wait = repaint.min(fades).min(waits);
+        Instant::now().checked_add(wait).filter(|_| wait < Duration::MAX).map_or(Next::Never, Next::At)
+    }
+
+    /// Does what panels and keys ask for; false for what only the application can do.
+    pub fn do_action(&mut self, action: Action) -> bool {
+        let params = *self.live.params();
+        match action {
+            Action::Tolerance(tolerance_px) => self.set_params(EngineParams { tolerance_px, ..params }),
+            Action::Footprint(footprint) => self.set_params(EngineParams { footprint, ..params }),
+            Action::FrameMs(frame_ms) => self.set_params(EngineParams { frame_ms, ..params }),
+            Action::FlyTo(place) => self.fly_to_place(place),
+            Action::Bookmark(which) => {
+                if let Some(pose) = self.bookmarks.get(which).map(|bookmark| bookmark.pose) {
+                    self.navigate(NavInput::FlyTo(Destination { pose }));
+                }
+            }
+            Action::NorthUp => self.navigate(NavInput::NorthUp),
+            Action::Reset => self.navigate(NavInput::Reset),
+            Action::Stop => self.navigate(NavInput::Stop),
+            Action::Screenshot => self.picture_asked = true,
+            Action::Record(true) => self.recorder = Some(Recorder::start(self.now_s(), FOV_Y_RAD)),
+            Action::Record(false) => self.end_recording(),
+            Action::Replay(true) => match self.last_path.clone() {
+                Some(path) => self.replay = Some(Replay::start(path, self.now_s())),
+                None => self.say(MessageKind::Failed, "there is no recording yet: Shift-P starts one".into()),
+            },
+            Action::Replay(false) => self.end_replay(),
+            Action::FullScreen | Action::Quit => return false,
+        }
+        true
+    }
+
+    fn set_params(&mut self, params: EngineParams) {
+        if let Err(error) = self.live.set_params(params) {
+            self.say(MessageKind::Failed, error.to_string());
+        }
+    }
+
+    fn fly_to_place(&mut self, place: Place) {
+        let ground_m = self.live.surroundings(&self.picks).ground_m(place.lat_rad, place.lon_rad).unwrap_or(0.0);
+        let target = Geodetic { lat_rad: place.lat_rad, lon_rad: place.lon_rad, height_m: ground_m };
+        let distance_m = place.above_ground_m.map_or(TYPED_DISTANCE_M, |m| m / -TYPED_PITCH_RAD.sin());
+        let heading_rad = self.pose().heading_rad;
+        let destination = Destination::looking_at(target, distance_m, heading_rad, TYPED_PITCH_RAD);
+        self.navigate(NavInput::FlyTo(destination));
+    }
+
+    /// Shows a flight from a file.
+    pub fn replay_file(&mut self, file: &std::path::Path) {
+        match FlightPath::load(file) {
+            Ok(path) => {
+                self.last_path = Some(path);
+                self.do_action(Action::Replay(true));
+            }
+            Err(error) => self.say(MessageKind::Failed, error.to_string()),
+        }
+    }
+
+    /// Saves a recording that is under way.
+    pub fn end_recording(&mut self) {
+        let Some(path) = self.recorder.take().and_then(Recorder::finish) else { return };
+        match super::files::save_recording(&path) {
+            Ok(file) => self.say(MessageKind::Done, format!("saved {}", file.display())),
+            Err(error) => self.say(MessageKind::Failed, error.to_string()),
+        }
+        self.last_path = Some(path);
+    }
+}
+
+/// Physical pixels; 0 while minimized.
+fn size_of(window: &Window) -> [u32; 2] {
+    window.inner_size().into()
+}
+
+fn start(
+    window: &Arc<Window>,
+    options: &WindowOptions,
+    params: EngineParams,
+    view: View,
+    notify: Notify,
+) -> Result<Live, WindowError> {
+    let limits = Live::gpu_limits(&options.source, &params)?;
+    let renderer = Renderer::for_window(window.clone(), size_of(window), limits).map_err(EngineError::from)?;
+    Ok(Live::start(options.source.clone(), params, renderer, view, notify)?)
+}
