@@ -1,6 +1,7 @@
 //! The adapter, the device and its errors.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
 #[derive(Debug, thiserror::Error)]
 pub enum RenderError {
@@ -9,8 +10,17 @@ pub enum RenderError {
          of the Debian package mesa-vulkan-drivers will do"
     )]
     NoAdapter(String),
-    #[error("the graphics adapter {name} gives no device: {cause}")]
+    #[error(
+        "the graphics adapter {name} gives no device: {cause}; its driver is too old or broken: update it, or install \
+         the software driver of the Debian package mesa-vulkan-drivers"
+    )]
     NoDevice { name: String, cause: String },
+    #[error("the window gives no surface to draw into: {0}; check that its display still runs")]
+    NoSurface(String),
+    #[error("the adapter {name} cannot show pictures in this window: {cause}; update its driver")]
+    Surface { name: String, cause: String },
+    #[error("the graphics device was lost ({0}): a new one must be opened; if that goes on, update its driver")]
+    Lost(String),
     #[error("the graphics device failed: {0}; update its driver or choose a smaller picture or footprint")]
     Device(String),
     #[error("{what} was not drawn: ask for it in the options of the frame before reading it")]
@@ -26,6 +36,7 @@ pub(super) struct Gpu {
     pub queue: wgpu::Queue,
     pub adapter_name: String,
     failure: Arc<Mutex<Option<String>>>,
+    lost: Arc<OnceLock<String>>,
 }
 
 impl Gpu {
@@ -44,6 +55,8 @@ impl Gpu {
         let info = adapter.get_info();
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("stoop"),
+            // Times on the GPU are told where they can be.
+            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
             required_limits: wgpu::Limits { max_texture_array_layers: 256, ..Default::default() },
             // Small blocks: what is allocated should not outgrow what the arenas account for.
             memory_hints: wgpu::MemoryHints::MemoryUsage,
@@ -56,11 +69,24 @@ impl Gpu {
         device.on_uncaptured_error(Arc::new(move |error: wgpu::Error| {
             sink.lock().unwrap_or_else(PoisonError::into_inner).get_or_insert_with(|| error.to_string());
         }));
-        Ok(Self { device, queue, adapter_name: format!("{} ({:?})", info.name, info.backend), failure })
+        let lost = Arc::new(OnceLock::new());
+        let sink = Arc::clone(&lost);
+        device.set_device_lost_callback(move |reason, message| {
+            // Only the first loss counts.
+            let _ = sink.set(if message.is_empty() { format!("{reason:?}") } else { message });
+        });
+        Ok(Self { device, queue, adapter_name: format!("{} ({:?})", info.name, info.backend), failure, lost })
     }
 
-    /// The first failure since the last call.
+    pub fn is_lost(&self) -> bool {
+        self.lost.get().is_some()
+    }
+
+    /// The loss of the device, or else the first failure since the last call.
     pub fn check(&self) -> Result<(), RenderError> {
+        if let Some(message) = self.lost.get() {
+            return Err(RenderError::Lost(message.clone()));
+        }
         match self.failure.lock().unwrap_or_else(PoisonError::into_inner).take() {
             Some(message) => Err(RenderError::Device(message)),
             None => Ok(()),
@@ -69,10 +95,27 @@ impl Gpu {
 
     /// Waits until all that was submitted is done.
     pub fn wait(&self) -> Result<(), RenderError> {
-        self.device
-            .poll(wgpu::PollType::wait_indefinitely())
-            .map_err(|cause| RenderError::Device(cause.to_string()))?;
+        self.poll(wgpu::PollType::wait_indefinitely())
+    }
+
+    /// Takes note of what is done by now, without waiting.
+    pub fn collect(&self) -> Result<(), RenderError> {
+        self.poll(wgpu::PollType::Poll)
+    }
+
+    fn poll(&self, how: wgpu::PollType) -> Result<(), RenderError> {
+        self.check()?;
+        let polled = self.guarded("waiting for it", || self.device.poll(how))?;
+        polled.map_err(|cause| RenderError::Device(cause.to_string()))?;
         self.check()
+    }
+
+    /// Libraries below panic where a device is lost in the middle of a call; here that is an error like any other.
+    pub fn guarded<T>(&self, what: &str, call: impl FnOnce() -> T) -> Result<T, RenderError> {
+        catch_unwind(AssertUnwindSafe(call)).or_else(|_| {
+            self.check()?;
+            Err(RenderError::Device(format!("{what} was broken off")))
+        })
     }
 
     pub fn buffer(&self, label: &str, usage: wgpu::BufferUsages, size: u64) -> wgpu::Buffer {

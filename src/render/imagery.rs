@@ -26,10 +26,15 @@ struct Chunk {
     free: Vec<u32>,
 }
 
+impl Chunk {
+    fn layers(&self) -> u32 {
+        self.texture.depth_or_array_layers()
+    }
+}
+
 #[derive(Debug)]
 pub(super) struct ImageryArena {
     limit_bytes: u64,
-    chunk_layers: u32,
     pub layout: wgpu::BindGroupLayout,
     sampler: wgpu::Sampler,
     /// Bound where there is no picture.
@@ -58,17 +63,16 @@ impl ImageryArena {
             ..Default::default()
         });
         let none = chunk(gpu, &layout, &sampler, 1, 1);
-        // A limit of a few pictures gives a chunk of a few pictures.
-        let chunk_layers = (limit_bytes / layer_bytes()).min(u64::from(CHUNK_LAYERS)) as u32;
-        Self { limit_bytes, chunk_layers, layout, sampler, none, chunks: Vec::new(), places: HashMap::new() }
+        Self { limit_bytes, layout, sampler, none, chunks: Vec::new(), places: HashMap::new() }
     }
 
-    fn chunk_bytes(&self) -> u64 {
-        u64::from(self.chunk_layers) * layer_bytes()
+    /// For uploads from now on; what is there stays.
+    pub fn set_limit(&mut self, limit_bytes: u64) {
+        self.limit_bytes = limit_bytes;
     }
 
     pub fn bytes(&self) -> u64 {
-        self.chunks.iter().flatten().count() as u64 * self.chunk_bytes()
+        self.chunks.iter().flatten().map(|chunk| u64::from(chunk.layers()) * layer_bytes()).sum()
     }
 
     pub fn place(&self, cell: CellId) -> Option<ImageryPlace> {
@@ -96,10 +100,12 @@ impl ImageryArena {
                 return Ok(ImageryPlace { chunk, layer });
             }
         }
-        if self.chunk_layers == 0 || self.bytes() + self.chunk_bytes() > self.limit_bytes {
+        // A limit of a few pictures gives a chunk of a few pictures.
+        let layers = (self.limit_bytes / layer_bytes()).min(u64::from(CHUNK_LAYERS)) as u32;
+        if layers == 0 || self.bytes() + u64::from(layers) * layer_bytes() > self.limit_bytes {
             return Err(ArenaFull { needed_bytes: layer_bytes(), limit_bytes: self.limit_bytes });
         }
-        let mut fresh = chunk(gpu, &self.layout, &self.sampler, self.chunk_layers, IMAGERY_STORED_PX);
+        let mut fresh = chunk(gpu, &self.layout, &self.sampler, layers, IMAGERY_STORED_PX);
         let layer = fresh.free.pop().unwrap_or(0);
         let chunk = self.chunks.iter().position(Option::is_none).unwrap_or(self.chunks.len());
         if chunk == self.chunks.len() {
@@ -133,7 +139,7 @@ impl ImageryArena {
         let slot = &mut self.chunks[place.chunk];
         if let Some(chunk) = slot {
             chunk.free.push(place.layer);
-            if chunk.free.len() as u32 == self.chunk_layers {
+            if chunk.free.len() as u32 == chunk.layers() {
                 *slot = None;
             }
         }

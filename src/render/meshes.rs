@@ -48,6 +48,11 @@ impl MeshArena {
         self.bytes
     }
 
+    /// Above a lowered limit the least recently drawn meshes go when the next one is cut.
+    pub fn set_limit(&mut self, limit_bytes: u64) {
+        self.limit_bytes = limit_bytes;
+    }
+
     /// What was drawn before may be dropped from now on.
     pub fn begin_frame(&mut self) {
         self.frame += 1;

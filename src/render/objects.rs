@@ -81,7 +81,6 @@ impl ObjectsPass {
         let shape = PassShape {
             label: "objects",
             source: OBJECTS_WGSL,
-            groups: &[frame, &place_layout, &page_layout],
             vertices: Some(wgpu::VertexBufferLayout {
                 array_stride: size_of::<ObjectVertex>() as u64,
                 step_mode: wgpu::VertexStepMode::Vertex,
@@ -90,7 +89,7 @@ impl ObjectsPass {
             backdrop: false,
         };
         Self {
-            pipelines: Pipelines::new(gpu, &shape),
+            pipelines: Pipelines::new(gpu, shape, &[frame, &place_layout, &page_layout]),
             places: FrameStorage::new(gpu, "places", &place_layout),
             page_layout,
             limit_bytes,
@@ -101,6 +100,11 @@ impl ObjectsPass {
 
     pub fn bytes(&self) -> u64 {
         self.bytes
+    }
+
+    /// For uploads from now on; what is there stays.
+    pub fn set_limit(&mut self, limit_bytes: u64) {
+        self.limit_bytes = limit_bytes;
     }
 
     pub fn upload(&mut self, gpu: &Gpu, page: &ObjectPage, mesh: &ObjectMesh) -> Result<u64, ArenaFull> {
@@ -191,8 +195,8 @@ impl ObjectsPass {
     }
 
     /// Draws what was prepared; gives the number of draw calls.
-    pub fn draw(&self, pass: &mut wgpu::RenderPass, aov: bool, items: &[ObjectsItem]) -> u32 {
-        pass.set_pipeline(self.pipelines.get(aov));
+    pub fn draw(&self, gpu: &Gpu, pass: &mut wgpu::RenderPass, aov: bool, items: &[ObjectsItem]) -> u32 {
+        pass.set_pipeline(self.pipelines.get(gpu, aov));
         pass.set_bind_group(1, self.places.group(), &[]);
         let mut calls = 0;
         for (instance, item) in (0..).zip(items) {

@@ -44,12 +44,26 @@ impl Default for Haze {
     }
 }
 
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct DrawOptions {
     pub sun: Sun,
     pub haze: Haze,
     /// Whether ids and depths are drawn beside the colour; without, they cannot be read.
     pub aov: bool,
+    /// No ground of the world lies below this height, metres above the ellipsoid: the higher, the more of what is
+    /// beyond the horizon is left out.
+    pub lowest_m: f64,
+}
+
+impl DrawOptions {
+    /// Below all ground of the Earth: the Challenger Deep lies 10.9 km under the ellipsoid.
+    pub const LOWEST_M: f64 = -12_000.0;
+}
+
+impl Default for DrawOptions {
+    fn default() -> Self {
+        Self { sun: Sun::default(), haze: Haze::default(), aov: false, lowest_m: Self::LOWEST_M }
+    }
 }
 
 /// Counts of one drawn frame.
@@ -60,7 +74,10 @@ pub struct FrameStats {
     pub terrain_triangles: u64,
     pub object_triangles: u64,
     pub draw_calls: u32,
+    /// Pieces drawn.
     pub pieces: u32,
+    /// Pieces of the selection that lie out of the drawn view; nothing else counts them.
+    pub pieces_culled: u32,
     /// Terrain meshes that were cut in this frame.
     pub pieces_built: u32,
     /// Pieces whose own picture was not in the arena: drawn with a coarser one, or in plain colour.

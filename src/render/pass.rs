@@ -2,42 +2,50 @@
 
 use super::device::Gpu;
 use super::targets::{COLOR_FORMAT, DEPTH_FORMAT, ID_FORMAT, METRES_FORMAT};
+use std::sync::OnceLock;
 
 /// What tells one pass from another.
-pub(super) struct PassShape<'a> {
-    pub label: &'a str,
-    pub source: &'a str,
-    pub groups: &'a [&'a wgpu::BindGroupLayout],
-    pub vertices: Option<wgpu::VertexBufferLayout<'a>>,
+#[derive(Debug)]
+pub(super) struct PassShape {
+    pub label: &'static str,
+    pub source: &'static str,
+    pub vertices: Option<wgpu::VertexBufferLayout<'static>>,
     /// The sky: behind everything, writes no depth and no ids.
     pub backdrop: bool,
 }
 
-/// A pass for frames with colour only and one for frames with ids and depths.
+/// A pass for frames with colour only, and one for frames with ids and depths, which is made when first needed: a
+/// window starts sooner without.
 #[derive(Debug)]
 pub(super) struct Pipelines {
+    shape: PassShape,
+    module: wgpu::ShaderModule,
+    layout: wgpu::PipelineLayout,
     color: wgpu::RenderPipeline,
-    aov: wgpu::RenderPipeline,
+    aov: OnceLock<wgpu::RenderPipeline>,
 }
 
 impl Pipelines {
-    pub fn new(gpu: &Gpu, shape: &PassShape) -> Self {
+    pub fn new(gpu: &Gpu, shape: PassShape, groups: &[&wgpu::BindGroupLayout]) -> Self {
         let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some(shape.label),
             source: wgpu::ShaderSource::Wgsl(shape.source.into()),
         });
-        let groups: Vec<_> = shape.groups.iter().map(|&group| Some(group)).collect();
+        let groups: Vec<_> = groups.iter().map(|&group| Some(group)).collect();
         let layout = gpu.device.create_pipeline_layout(&wgpu::PipelineLayoutDescriptor {
             label: Some(shape.label),
             bind_group_layouts: &groups,
             immediate_size: 0,
         });
-        let make = |aov| pipeline(gpu, shape, &module, &layout, aov);
-        Self { color: make(false), aov: make(true) }
+        let color = pipeline(gpu, &shape, &module, &layout, false);
+        Self { shape, module, layout, color, aov: OnceLock::new() }
     }
 
-    pub fn get(&self, aov: bool) -> &wgpu::RenderPipeline {
-        if aov { &self.aov } else { &self.color }
+    pub fn get(&self, gpu: &Gpu, aov: bool) -> &wgpu::RenderPipeline {
+        match aov {
+            false => &self.color,
+            true => self.aov.get_or_init(|| pipeline(gpu, &self.shape, &self.module, &self.layout, true)),
+        }
     }
 }
 

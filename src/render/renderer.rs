@@ -1,5 +1,6 @@
 //! One picture after the other: arenas, passes and targets together.
 
+use super::culling::{SEAM, Sight};
 use super::device::{Gpu, RenderError};
 use super::eye::eye_relative;
 use super::frame::{Frame, FrameGroup};
@@ -8,9 +9,13 @@ use super::imagery::{ImageryArena, ImageryPlace};
 use super::meshes::MeshArena;
 use super::objects::{ObjectsItem, ObjectsPass, gpu_bytes};
 use super::options::{DrawOptions, FrameStats, GpuLimits};
+use super::read_back::ReadBack;
+#[cfg(feature = "window")]
+use super::screen::Screen;
 use super::sky::SkyPass;
 use super::targets::Targets;
 use super::terrain::{Piece, TerrainItem, TerrainPass, texture_window};
+use super::timing::GpuTimer;
 use crate::camera::View;
 use crate::content::{Page, PageId, PageKind};
 use crate::forest::CellId;
@@ -27,26 +32,33 @@ pub struct ArenaFull {
 /// The largest mesh: all posts of a page with skirts must fit into the arena.
 const LEAST_MESH_BYTES: u64 = 256 << 10;
 
-/// Least depth of skirts as a share of the distance: a few roundings of f32.
-const SEAM: f32 = 1e-6;
-
 #[derive(Debug)]
 pub struct Renderer {
-    gpu: Gpu,
+    pub(super) gpu: Gpu,
     frame: FrameGroup,
     imagery: ImageryArena,
     meshes: MeshArena,
     terrain: TerrainPass,
     objects: ObjectsPass,
     sky: SkyPass,
-    targets: Option<Targets>,
+    pub(super) targets: Option<Targets>,
     drawn: DrawnIds,
+    timer: GpuTimer,
+    /// The picture that was asked for and is on its way.
+    picture: Option<ReadBack>,
+    /// The window that is drawn into, if there is one.
+    #[cfg(feature = "window")]
+    pub(super) screen: Option<Screen>,
 }
 
 impl Renderer {
     /// A renderer without a window, on the best adapter there is. Mesh arenas below 256 KiB count as 256 KiB.
     pub fn new(limits: GpuLimits) -> Result<Self, RenderError> {
-        let gpu = Gpu::headless()?;
+        Self::over(Gpu::headless()?, limits)
+    }
+
+    /// A renderer on a device.
+    pub(super) fn over(gpu: Gpu, limits: GpuLimits) -> Result<Self, RenderError> {
         let frame = FrameGroup::new(&gpu);
         let imagery = ImageryArena::new(&gpu, limits.imagery_bytes);
         let renderer = Self {
@@ -56,6 +68,10 @@ impl Renderer {
             meshes: MeshArena::new(limits.mesh_bytes.max(LEAST_MESH_BYTES)),
             targets: None,
             drawn: DrawnIds::default(),
+            timer: GpuTimer::new(&gpu),
+            picture: None,
+            #[cfg(feature = "window")]
+            screen: None,
             imagery,
             frame,
             gpu,
@@ -74,7 +90,33 @@ impl Renderer {
         gpu_bytes(page)
     }
 
-    /// Bytes held in all arenas; never above the sum of the limits.
+    /// Whether the device is gone: nothing can be drawn any more, and a new renderer has to take over.
+    pub fn is_lost(&self) -> bool {
+        self.gpu.is_lost()
+    }
+
+    /// Gives the device up, as if its driver had: for tests of what happens then.
+    pub fn lose_device(&self) {
+        self.gpu.device.destroy();
+        // The loss is told with the next poll.
+        drop(self.gpu.collect());
+    }
+
+    /// New limits of the arenas. Lower ones only hinder uploads: what is there stays until it is removed, and terrain
+    /// meshes until the next one is cut.
+    pub fn set_limits(&mut self, limits: GpuLimits) {
+        self.imagery.set_limit(limits.imagery_bytes);
+        self.meshes.set_limit(limits.mesh_bytes.max(LEAST_MESH_BYTES));
+        self.objects.set_limit(limits.objects_bytes);
+    }
+
+    /// Time that the GPU took for the newest frame that is known to be finished, milliseconds; without the window's
+    /// panels. `None` before the first one, and where the adapter cannot tell.
+    pub fn gpu_ms(&mut self) -> Option<f32> {
+        self.timer.newest_ms()
+    }
+
+    /// Bytes held in all arenas; never above the sum of the limits, unless these were lowered.
     pub fn allocated_bytes(&self) -> u64 {
         self.imagery.bytes() + self.meshes.bytes() + self.objects.bytes()
     }
@@ -119,14 +161,20 @@ impl Renderer {
         selection: &Selection,
         options: &DrawOptions,
     ) -> Result<FrameStats, RenderError> {
+        self.gpu.check()?;
         self.fit_targets(view.size_px, options.aov)?;
         self.frame.write(&self.gpu, &Frame::new(view, selection.press, options));
         self.meshes.begin_frame();
         self.drawn.clear();
-        let mut stats = FrameStats { pieces: selection.pieces.len() as u32, ..Default::default() };
+        self.timer.begin();
+        let sight = Sight::new(view, selection.press, options.lowest_m);
+        let pieces = near_to_far(view, selection.pieces.iter().filter(|piece| sight.sees(piece)));
+        let drawn = pieces.len() as u32;
+        let culled = selection.pieces.len() as u32 - drawn;
+        let mut stats = FrameStats { pieces: drawn, pieces_culled: culled, ..Default::default() };
         let mut clear = true;
-        let mut items = Vec::with_capacity(selection.pieces.len());
-        for piece in near_to_far(view, &selection.pieces) {
+        let mut items = Vec::with_capacity(pieces.len());
+        for piece in pieces {
             let item = match self.terrain_item(view, piece, &mut stats) {
                 Ok(item) => item,
                 Err(_) => {
@@ -169,6 +217,28 @@ impl Renderer {
     /// The last picture: sRGB RGBA, rows from the top.
     pub fn read_color(&self) -> Result<Vec<u8>, RenderError> {
         self.targets()?.read_color(&self.gpu)
+    }
+
+    /// Asks for a copy of the last picture, which [`Renderer::poll_picture`] gives when it is there: nothing waits. While
+    /// one is on its way no second one is begun.
+    pub fn request_picture(&mut self) -> Result<(), RenderError> {
+        self.gpu.check()?;
+        if self.picture.is_none() {
+            self.picture = Some(self.targets()?.begin_read_color(&self.gpu));
+        }
+        self.gpu.check()
+    }
+
+    /// The picture that was asked for, once: its size and sRGB RGBA, rows from the top. `None` while it is on its way,
+    /// and where none was asked for.
+    pub fn poll_picture(&mut self) -> Option<Result<([u32; 2], Vec<u8>), RenderError>> {
+        let size_px = self.picture.as_ref()?.size_px;
+        let pixels = match self.gpu.collect() {
+            Ok(()) => self.picture.as_ref()?.take()?,
+            Err(error) => Err(error),
+        };
+        self.picture = None;
+        Some(pixels.map(|pixels| (size_px, pixels)))
     }
 
     /// The ids of the last picture, rows from the top; 0 is the sky.
@@ -244,23 +314,30 @@ impl Renderer {
         let targets = self.targets.as_ref().ok_or(RenderError::NotDrawn { what: "a picture" })?;
         let aov = targets.has_aov();
         let mut encoder = self.gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let mut pass = targets.begin_pass(&mut encoder, clear);
+        // A frame's first pass clears, its last one draws the objects.
+        let mut pass = targets.begin_pass(&mut encoder, clear, self.timer.writes(clear, last.is_some()));
         pass.set_bind_group(0, &self.frame.group, &[]);
-        stats.draw_calls += self.terrain.draw(&mut pass, aov, items, &self.meshes, &self.imagery);
+        stats.draw_calls += self.terrain.draw(&self.gpu, &mut pass, aov, items, &self.meshes, &self.imagery);
         if let Some(objects) = last {
-            stats.draw_calls += self.objects.draw(&mut pass, aov, objects) + 1;
-            self.sky.draw(&mut pass, aov);
+            stats.draw_calls += self.objects.draw(&self.gpu, &mut pass, aov, objects) + 1;
+            self.sky.draw(&self.gpu, &mut pass, aov);
         }
         drop(pass);
+        if last.is_some() {
+            self.timer.resolve(&mut encoder);
+        }
         self.gpu.queue.submit([encoder.finish()]);
+        if last.is_some() {
+            self.timer.end();
+        }
         Ok(())
     }
 }
 
 /// Near pieces first: what they hide is not shaded.
-fn near_to_far<'a>(view: &View, pieces: &'a [DrawPiece]) -> impl Iterator<Item = &'a DrawPiece> {
+fn near_to_far<'a>(view: &View, pieces: impl Iterator<Item = &'a DrawPiece>) -> Vec<&'a DrawPiece> {
     let mut order: Vec<_> =
-        pieces.iter().map(|piece| (piece.cell.bounds().center().to_ecef().distance_m(view.eye()), piece)).collect();
+        pieces.map(|piece| (piece.cell.bounds().center().to_ecef().distance_m(view.eye()), piece)).collect();
     order.sort_by(|a, b| a.0.total_cmp(&b.0));
-    order.into_iter().map(|(_, piece)| piece)
+    order.into_iter().map(|(_, piece)| piece).collect()
 }

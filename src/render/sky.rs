@@ -11,13 +11,13 @@ pub(super) struct SkyPass {
 
 impl SkyPass {
     pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout) -> Self {
-        let shape = PassShape { label: "sky", source: SKY_WGSL, groups: &[frame], vertices: None, backdrop: true };
-        Self { pipelines: Pipelines::new(gpu, &shape) }
+        let shape = PassShape { label: "sky", source: SKY_WGSL, vertices: None, backdrop: true };
+        Self { pipelines: Pipelines::new(gpu, shape, &[frame]) }
     }
 
     /// Draws where nothing else did.
-    pub fn draw(&self, pass: &mut wgpu::RenderPass, aov: bool) {
-        pass.set_pipeline(self.pipelines.get(aov));
+    pub fn draw(&self, gpu: &Gpu, pass: &mut wgpu::RenderPass, aov: bool) {
+        pass.set_pipeline(self.pipelines.get(gpu, aov));
         pass.draw(0..3, 0..1);
     }
 }

@@ -1,9 +1,11 @@
 //! What is drawn into, and reading it back.
 
 use super::device::{Gpu, RenderError};
-use std::sync::mpsc;
+use super::read_back::{ReadBack, read};
 
 pub(super) const COLOR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
+/// The same bytes without a meaning: what is copied so is copied exactly.
+pub(super) const COLOR_BYTES_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 pub(super) const ID_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
 pub(super) const METRES_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
 pub(super) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
@@ -31,9 +33,10 @@ impl Targets {
             return Err(RenderError::Size(size_px[0], size_px[1], limit));
         }
         let read = wgpu::TextureUsages::COPY_SRC;
+        let shown = read | wgpu::TextureUsages::TEXTURE_BINDING;
         Ok(Self {
             size_px,
-            color: target(gpu, size_px, COLOR_FORMAT, read),
+            color: target(gpu, size_px, COLOR_FORMAT, shown),
             depth: target(gpu, size_px, DEPTH_FORMAT, wgpu::TextureUsages::empty()),
             aov: aov.then(|| [target(gpu, size_px, ID_FORMAT, read), target(gpu, size_px, METRES_FORMAT, read)]),
         })
@@ -44,7 +47,12 @@ impl Targets {
     }
 
     /// Begins a pass over all targets; with `clear` they are emptied first: sky everywhere.
-    pub fn begin_pass<'e>(&self, encoder: &'e mut wgpu::CommandEncoder, clear: bool) -> wgpu::RenderPass<'e> {
+    pub fn begin_pass<'e>(
+        &self,
+        encoder: &'e mut wgpu::CommandEncoder,
+        clear: bool,
+        timestamps: Option<wgpu::RenderPassTimestampWrites<'_>>,
+    ) -> wgpu::RenderPass<'e> {
         let color = attachment(&self.color.view, clear, wgpu::Color::BLACK);
         let depth = wgpu::RenderPassDepthStencilAttachment {
             view: &self.depth.view,
@@ -63,8 +71,20 @@ impl Targets {
             label: Some("frame"),
             color_attachments: &attachments,
             depth_stencil_attachment: Some(depth),
+            timestamp_writes: timestamps,
             ..Default::default()
         })
+    }
+
+    /// The colours, for a copy; they may be viewed as bytes too.
+    #[cfg(feature = "window")]
+    pub fn color_texture(&self) -> &wgpu::Texture {
+        &self.color.texture
+    }
+
+    /// Starts to read the colours without waiting for them.
+    pub fn begin_read_color(&self, gpu: &Gpu) -> ReadBack {
+        ReadBack::begin(gpu, &self.color.texture)
     }
 
     pub fn read_color(&self, gpu: &Gpu) -> Result<Vec<u8>, RenderError> {
@@ -108,7 +128,7 @@ fn target(gpu: &Gpu, [width, height]: [u32; 2], format: wgpu::TextureFormat, usa
         dimension: wgpu::TextureDimension::D2,
         format,
         usage: usage | wgpu::TextureUsages::RENDER_ATTACHMENT,
-        view_formats: &[],
+        view_formats: if format == COLOR_FORMAT { &[COLOR_BYTES_FORMAT] } else { &[] },
     });
     let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
     Target { texture, view }
@@ -116,33 +136,4 @@ fn target(gpu: &Gpu, [width, height]: [u32; 2], format: wgpu::TextureFormat, usa
 
 fn words(bytes: &[u8]) -> impl Iterator<Item = [u8; 4]> {
     bytes.as_chunks::<4>().0.iter().copied()
-}
-
-/// All pixels of a texture of 4 bytes a pixel, rows from the top, without padding.
-fn read(gpu: &Gpu, texture: &wgpu::Texture) -> Result<Vec<u8>, RenderError> {
-    let row = texture.width() as usize * 4;
-    let padded = row.next_multiple_of(wgpu::COPY_BYTES_PER_ROW_ALIGNMENT as usize);
-    let buffer = gpu.buffer("read-back", wgpu::BufferUsages::MAP_READ, (padded * texture.height() as usize) as u64);
-    let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-    let layout = wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(padded as u32), rows_per_image: None };
-    encoder.copy_texture_to_buffer(
-        texture.as_image_copy(),
-        wgpu::TexelCopyBufferInfo { buffer: &buffer, layout },
-        texture.size(),
-    );
-    gpu.queue.submit([encoder.finish()]);
-    let (sender, receiver) = mpsc::sync_channel(1);
-    buffer.map_async(wgpu::MapMode::Read, .., move |result| {
-        // The receiver lives until this function ends.
-        let _ = sender.send(result);
-    });
-    gpu.wait()?;
-    let failed = |cause: String| RenderError::Device(format!("reading a picture back: {cause}"));
-    match receiver.try_recv() {
-        Ok(Ok(())) => {}
-        Ok(Err(cause)) => return Err(failed(cause.to_string())),
-        Err(cause) => return Err(failed(cause.to_string())),
-    }
-    let mapped = buffer.get_mapped_range(..).map_err(|cause| failed(cause.to_string()))?;
-    Ok(mapped.chunks(padded).flat_map(|line| &line[..row]).copied().collect())
 }

@@ -47,7 +47,6 @@ impl TerrainPass {
         let shape = PassShape {
             label: "terrain",
             source: TERRAIN_WGSL,
-            groups: &[frame, &storage, imagery],
             vertices: Some(wgpu::VertexBufferLayout {
                 array_stride: size_of::<TerrainVertex>() as u64,
                 step_mode: wgpu::VertexStepMode::Vertex,
@@ -55,7 +54,10 @@ impl TerrainPass {
             }),
             backdrop: false,
         };
-        Self { pipelines: Pipelines::new(gpu, &shape), pieces: FrameStorage::new(gpu, "pieces", &storage) }
+        Self {
+            pipelines: Pipelines::new(gpu, shape, &[frame, &storage, imagery]),
+            pieces: FrameStorage::new(gpu, "pieces", &storage),
+        }
     }
 
     pub fn write(&mut self, gpu: &Gpu, items: &[TerrainItem]) {
@@ -66,13 +68,14 @@ impl TerrainPass {
     /// Draws what was written, in that order; gives the number of draw calls.
     pub fn draw(
         &self,
+        gpu: &Gpu,
         pass: &mut wgpu::RenderPass,
         aov: bool,
         items: &[TerrainItem],
         meshes: &MeshArena,
         imagery: &ImageryArena,
     ) -> u32 {
-        pass.set_pipeline(self.pipelines.get(aov));
+        pass.set_pipeline(self.pipelines.get(gpu, aov));
         pass.set_bind_group(1, self.pieces.group(), &[]);
         let mut bound = None;
         let mut calls = 0;

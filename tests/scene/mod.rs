@@ -26,6 +26,7 @@ pub const AOV: DrawOptions = DrawOptions {
     sun: stoop::render::Sun { azimuth_rad: 2.6, elevation_rad: 0.8 },
     haze: stoop::render::Haze { visibility_m: 90_000.0, scale_m: 1_200.0 },
     aov: true,
+    lowest_m: DrawOptions::LOWEST_M,
 };
 
 pub fn renderer() -> Renderer {
