@@ -126,9 +126,6 @@ impl Renderer {
         self.meshes.bytes()
     }
 
-    /// TEMP
-    pub fn set_limits(&mut self, _limits: GpuLimits) {}
-
     /// Takes a page over; gives the bytes that it takes of its arena. Terrain takes none: meshes are cut when drawn.
     /// A page that is there already stays as it is.
     pub fn upload(&mut self, page: &Page) -> Result<u64, ArenaFull> {
