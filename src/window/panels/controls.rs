@@ -1,0 +1,31 @@
+//! The one list of controls: help card and `--help` print it.
+
+/// What to press or move, and what it does.
+pub const CONTROLS: &[(&str, &str)] = &[
+    ("Left drag", "turn the globe by the grabbed point"),
+    ("Wheel", "zoom to the point under the cursor"),
+    ("Right, middle drag", "tilt and turn about the middle"),
+    ("Double click", "fly to a point"),
+    ("W A S D", "fly forwards, left, back, right"),
+    ("E Q", "fly up, down"),
+    ("Shift", "fly faster"),
+    ("Arrows", "turn and tilt"),
+    ("+ -  Page Up/Down", "zoom in, out"),
+    ("1 to 9", "fly to a bookmark"),
+    ("F", "fly to a place by name or coordinates"),
+    ("N", "north up"),
+    ("R", "reset the view"),
+    ("Esc", "close a panel, stop a flight"),
+    ("H", "this card"),
+    ("T, F1", "frame times and counts"),
+    ("O, F2", "settings"),
+    ("I", "status line"),
+    ("Z  C  X", "borders of zones, of cells, state of pages"),
+    (",  .", "finer, coarser picture"),
+    ("P", "screenshot"),
+    ("Shift-P", "record a path, end the recording"),
+    ("L", "replay the last recording"),
+    ("Ctrl + -", "larger, smaller panels"),
+    ("F11", "full screen"),
+    ("Ctrl-Q", "quit"),
+];

@@ -1,0 +1,132 @@
+//! What the panels show: plain data that the application fills in for each frame.
+
+use super::frame_times::FrameTimes;
+use super::messages::Messages;
+use crate::camera::View;
+use crate::engine::FrameReport;
+use crate::geodesy::Geodetic;
+use crate::units::ByteSize;
+
+/// Tolerances that the slider and the keys reach, pixels.
+pub const TOLERANCE_PX: [f64; 2] = [0.25, 16.0];
+/// Frame times that may be aimed at, milliseconds.
+pub const FRAME_MS: [f64; 2] = [8.0, 100.0];
+/// The slider's upper end.
+pub const FOOTPRINT_MAX: ByteSize = ByteSize(4 << 30);
+const FOOTPRINT_MIN: ByteSize = ByteSize(1 << 20);
+
+/// What is asked of the picture.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quality {
+    pub tolerance_px: f64,
+    pub footprint: ByteSize,
+    /// The time that a frame may take; `None` never raises the tolerance for time.
+    pub frame_ms: Option<f64>,
+}
+
+impl Default for Quality {
+    fn default() -> Self {
+        Self { tolerance_px: 1.0, footprint: ByteSize(256 << 20), frame_ms: Some(33.0) }
+    }
+}
+
+impl Quality {
+    /// Every number within its range; what is no number is the default.
+    pub fn sane(self) -> Self {
+        let fallback = Self::default();
+        let within = |value: f64, [low, high]: [f64; 2], otherwise: f64| {
+            if value.is_finite() { value.clamp(low, high) } else { otherwise }
+        };
+        Self {
+            tolerance_px: within(self.tolerance_px, TOLERANCE_PX, fallback.tolerance_px),
+            footprint: self.footprint.clamp(FOOTPRINT_MIN, FOOTPRINT_MAX),
+            frame_ms: self.frame_ms.map(|frame_ms| within(frame_ms, FRAME_MS, 33.0)),
+        }
+    }
+}
+
+/// Why the tolerance drawn is above the one asked for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RaisedBy {
+    /// The front did not fit the footprint.
+    Memory,
+    /// Frames took too long.
+    Time,
+    MemoryAndTime,
+}
+
+/// Pages of one layer by state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct LayerPages {
+    pub resident: u64,
+    pub requested: u64,
+    pub failed: u64,
+    /// Wanted for this frame and not there, whether or not they are requested.
+    pub missing: u64,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PageCounts {
+    pub terrain: LayerPages,
+    pub imagery: LayerPages,
+    pub objects: LayerPages,
+}
+
+impl PageCounts {
+    pub fn layers(&self) -> [(&'static str, LayerPages); 3] {
+        [("terrain", self.terrain), ("imagery", self.imagery), ("objects", self.objects)]
+    }
+
+    pub fn missing(&self) -> u64 {
+        self.layers().iter().fold(0, |sum, (_, pages)| sum.saturating_add(pages.missing))
+    }
+}
+
+/// Recording and replaying of paths; times are seconds since the path's start.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Playback {
+    #[default]
+    Off,
+    Recording {
+        at_s: f64,
+    },
+    Replaying {
+        at_s: f64,
+        of_s: f64,
+    },
+}
+
+/// Everything the panels show of one frame.
+#[derive(Clone, Copy, Debug)]
+pub struct Shown<'a> {
+    /// Of the clock that the messages were said by.
+    pub now_s: f64,
+    pub view: View,
+    /// The place drawn under the cursor; `None` for the sky or no cursor.
+    pub cursor: Option<Geodetic>,
+    /// The place drawn in the middle of the picture; `None` for the sky.
+    pub middle: Option<Geodetic>,
+    pub above_ground_m: Option<f64>,
+    pub frame_times: &'a FrameTimes,
+    pub report: &'a FrameReport,
+    /// Of the newest finished frame; `None` where it cannot be measured.
+    pub gpu_ms: Option<f64>,
+    pub asked: Quality,
+    pub tolerance_drawn_px: f64,
+    pub raised_by: Option<RaisedBy>,
+    pub footprint_used: ByteSize,
+    /// The least that works with this world.
+    pub footprint_least: ByteSize,
+    pub pages: PageCounts,
+    /// How long the oldest missing page has been awaited.
+    pub awaited_s: Option<f64>,
+    /// Since the start.
+    pub bytes_read: u64,
+    pub world: &'a str,
+    /// One of each source; empty lines are left out.
+    pub credits: &'a [String],
+    /// Names, in the order of the number keys.
+    pub bookmarks: &'a [String],
+    pub messages: &'a Messages,
+    pub playback: Playback,
+}
