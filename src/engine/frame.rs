@@ -7,6 +7,7 @@ use super::lift::Ground;
 use super::reader::Source;
 use super::report::{FrameReport, FrameTimings};
 use super::residency::Residency;
+use super::surroundings::{DrawnGround, PickCache};
 use super::tolerance::DrawnTolerance;
 use super::{EngineError, EngineParams, FrameRequest, Mode};
 use crate::camera::View;
@@ -30,6 +31,9 @@ pub struct Engine {
     counted: ManagerStats,
     /// What settling has waited beyond the flight's clock, seconds.
     waited_s: f64,
+    /// What the last frame drew, and what asking about it keeps.
+    drawn: Selection,
+    picks: PickCache,
     /// Settles each audited view; made when first needed.
     twin: Option<Box<Engine>>,
 }
@@ -51,6 +55,8 @@ impl Engine {
             frames: 0,
             counted: ManagerStats::default(),
             waited_s: 0.0,
+            drawn: Selection::default(),
+            picks: PickCache::default(),
             twin: None,
         })
     }
@@ -90,7 +96,18 @@ impl Engine {
         self.residency.usage.drawn(&selection);
         let mut report = self.report(request, &selection, &drawn, timings);
         report.would_have_waited = waited;
+        self.drawn = selection;
         Ok(report)
+    }
+
+    /// What the last frame drew, to be asked by navigation.
+    pub fn surroundings(&self) -> DrawnGround<'_> {
+        DrawnGround::new(&self.drawn, &self.residency.lifts, &self.picks)
+    }
+
+    /// The list that the last frame drew.
+    pub fn drawn(&self) -> &Selection {
+        &self.drawn
     }
 
     /// Completions, selection and requests; once, or until settled. In lock-step, what this frame's budget could read

@@ -3,7 +3,7 @@
 //!
 //! Where the finest terrain of the world is drawn there is no lift: the walls were fitted to it at preparation.
 
-use crate::content::{CellObjects, Object, ObjectPage, PageId, PageKind, TerrainPage};
+use crate::content::{CellObjects, Object, ObjectPage, PageId, TerrainPage};
 use crate::forest::index::IndexForest;
 use crate::forest::{CellId, LEVEL_MAX};
 use crate::select::{DrawObjects, DrawPiece};
@@ -32,7 +32,7 @@ impl<'a> Ground<'a> {
     }
 
     /// The piece that covers the whole of a cell.
-    fn covering(&self, cell: CellId) -> Option<&'a DrawPiece> {
+    pub fn covering(&self, cell: CellId) -> Option<&'a DrawPiece> {
         self.levels.iter().find_map(|&level| self.pieces.get(&cell.ancestor(level)?).copied())
     }
 }
@@ -62,6 +62,7 @@ struct PageLifts {
     /// Level of the world's finest terrain at each object.
     finest: Vec<u8>,
     lifts_m: Vec<f32>,
+    highest_m: f32,
 }
 
 /// The lifts of the pages that were drawn since they arrived.
@@ -71,23 +72,31 @@ pub struct Lifts {
 }
 
 impl Lifts {
-    pub fn forget(&mut self, page: PageId) {
+    pub(super) fn forget(&mut self, page: PageId) {
         self.pages.remove(&page);
     }
 
+    /// The lifts of a page's objects as last updated, and the highest of them, metres; none for pages never drawn.
+    pub(super) fn of(&self, page: &ObjectPage) -> (&[f32], f32) {
+        self.pages.get(&page.id()).map_or((&[], 0.0), |known| (&*known.lifts_m, known.highest_m))
+    }
+
     /// The page of drawn objects and their lifts in metres, or `None` where nothing changed since the last call.
-    pub fn update(
+    pub(super) fn update(
         &mut self,
         index: &IndexForest,
         ground: &Ground<'_>,
         drawn: &DrawObjects,
     ) -> Option<(PageId, &[f32])> {
         let page = &*drawn.page;
-        let id = PageId { cell: page.root, kind: PageKind::Objects { collection: page.collection, rep: page.rep } };
+        let id = page.id();
         let known = self.pages.entry(id).or_insert_with(|| PageLifts::new(index, page));
         let mut changed = false;
         for (at, cell) in page.cells.iter().enumerate() {
             changed |= known.update_cell(at, cell, page, ground);
+        }
+        if changed {
+            known.highest_m = known.lifts_m.iter().copied().fold(0.0, f32::max);
         }
         changed.then_some((id, &*known.lifts_m))
     }
@@ -100,6 +109,7 @@ impl PageLifts {
             standing: vec![None; page.objects.len()],
             finest: page.objects.iter().map(|object| finest_terrain_level(index, object)).collect(),
             lifts_m: vec![0.0; page.objects.len()],
+            highest_m: 0.0,
         }
     }
 

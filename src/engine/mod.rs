@@ -11,9 +11,11 @@ mod ground;
 mod levels;
 mod lift;
 mod params;
+mod pick_mesh;
 mod reader;
 mod report;
 mod residency;
+mod surroundings;
 mod tolerance;
 mod usage;
 
@@ -23,6 +25,9 @@ pub use footprint::{
 };
 pub use frame::Engine;
 pub use ground::GroundProbe;
+pub use lift::Lifts;
 pub use params::{EngineError, EngineParams, FrameRequest, Mode};
+pub use pick_mesh::{PICK_MESH_BYTES_MAX, PickWork};
 pub use reader::Source;
 pub use report::{FrameReport, FrameTimings};
+pub use surroundings::{DrawnGround, PickCache};
