@@ -82,6 +82,15 @@ impl View {
         Self { fov_y_rad, size_px, ..*self }
     }
 
+    /// Unit direction in space of what is seen at a pixel position, the inverse of [`View::project_px`]; the middle of
+    /// the first pixel is at (0.5, 0.5).
+    pub fn ray(&self, at_px: [f64; 2]) -> DVec3 {
+        let focal = self.focal_px();
+        let x = (at_px[0] - f64::from(self.size_px[0]) / 2.0) / focal;
+        let y = (f64::from(self.size_px[1]) / 2.0 - at_px[1]) / focal;
+        self.ecef_from_view.rotation() * DVec3::new(x, y, -1.0).normalize()
+    }
+
     pub fn frustum(&self) -> Frustum {
         let rotation = self.ecef_from_view.rotation();
         let tan_y = (self.fov_y_rad / 2.0).tan();
@@ -125,5 +134,31 @@ impl Frustum {
     pub fn meets_ball(&self, center: Point<Ecef>, radius_m: f64) -> bool {
         let to_center = (center - self.eye).xyz();
         self.inward.iter().all(|normal| to_center.dot(*normal) >= -radius_m)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_ray_goes_through_its_pixel(
+            lat in -90.0..90.0f64, lon in -180.0..180.0f64, log_height in 0.3..7.6f64, heading in 0.0..360.0f64,
+            pitch in -90.0..90.0f64, fov in 5.0..120.0f64, width in 1u32..4000, height in 1u32..3000,
+            u in 0.0..1.0f64, v in 0.0..1.0f64,
+        ) {
+            let eye = Geodetic::from_degrees(lat, lon, 10f64.powf(log_height));
+            let pose = Pose { eye, heading_rad: heading.to_radians(), pitch_rad: pitch.to_radians() };
+            let view = View::new(pose, fov.to_radians(), [width, height]);
+            let at_px = [u * f64::from(width), v * f64::from(height)];
+            let direction = view.ray(at_px);
+            prop_assert!((direction.length() - 1.0).abs() < 1e-14);
+            // As far as the Earth is: rounding of the point is what is left.
+            let point = Point::new(view.eye().xyz() + direction * (eye.height_m + 1e7));
+            let back_px = view.project_px(point).unwrap();
+            prop_assert!((0..2).all(|axis| (back_px[axis] - at_px[axis]).abs() < 1e-6), "{at_px:?} {back_px:?}");
+        }
     }
 }

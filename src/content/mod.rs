@@ -1,6 +1,7 @@
 //! Decoded pages: terrain surfaces, imagery, objects. No files, no GPU.
 
 mod cut;
+mod footprints;
 mod imagery;
 mod objects;
 mod prism;
@@ -8,6 +9,7 @@ pub mod rtin;
 mod surface;
 mod terrain;
 
+pub use footprints::{Ball, Footprints};
 pub use imagery::{IMAGERY_GUTTER_PX, IMAGERY_PX, IMAGERY_STORED_PX, ImageryPage};
 pub use objects::{CellObjects, Object, ObjectMesh, ObjectPage, ObjectVertex};
 pub use prism::{Footprint, Prism};

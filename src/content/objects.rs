@@ -1,6 +1,8 @@
 //! Objects of one collection in a subtree of small cells: prisms over footprints, with walls and flat roofs.
 
+use super::footprints::Footprints;
 use super::prism::Prism;
+use super::{PageId, PageKind};
 use crate::forest::CellId;
 use crate::geodesy::{Ecef, Point};
 use bytemuck::{Pod, Zeroable};
@@ -68,6 +70,8 @@ pub struct ObjectPage {
     pub objects: Vec<Object>,
     /// The directory: for each cell with objects, their range and their lowest and highest point (metres).
     pub cells: Vec<CellObjects>,
+    /// What collisions and picking ask.
+    pub footprints: Footprints,
 }
 
 /// The objects of one cell in a page.
@@ -101,11 +105,16 @@ impl ObjectPage {
         let objects: Vec<Object> =
             prisms.iter().enumerate().map(|(at, prism)| prism.draw(origin, at as u16, &mut mesh)).collect();
         let cells = directory(&objects, &prisms);
-        (Self { root, collection, rep, error_m, origin, objects, cells }, mesh)
+        let footprints = Footprints::new(&prisms, &objects, cells.iter().map(|cell| &cell.objects), origin);
+        (Self { root, collection, rep, error_m, origin, objects, cells, footprints }, mesh)
+    }
+
+    pub fn id(&self) -> PageId {
+        PageId { cell: self.root, kind: PageKind::Objects { collection: self.collection, rep: self.rep } }
     }
 
     pub fn byte_len(&self) -> usize {
-        size_of::<Self>() + size_of_val(&*self.objects) + size_of_val(&*self.cells)
+        size_of::<Self>() + size_of_val(&*self.objects) + size_of_val(&*self.cells) + self.footprints.byte_len()
     }
 
     /// The indices that draw a range of objects; none where the range leaves the page.

@@ -5,6 +5,7 @@ use super::cost::{Load, TimeBudget};
 use super::reader::Source;
 use super::report::{FrameReport, FrameTimings};
 use super::scene::{Scene, Totals, timed};
+use super::surroundings::{DrawnGround, PickCache};
 use super::{EngineError, EngineParams, FrameRequest, Mode};
 use crate::camera::View;
 use crate::render::{DrawOptions, FrameStats, IdOf, RenderError, Renderer};
@@ -17,6 +18,9 @@ pub struct Engine {
     renderer: Renderer,
     frames: u64,
     counted: Totals,
+    /// What the last frame drew, and what asking about it keeps.
+    drawn: Selection,
+    picks: PickCache,
     /// Settles each audited view; made when first needed.
     twin: Option<Box<Engine>>,
 }
@@ -30,7 +34,15 @@ impl Engine {
         if params.mode == Mode::Live {
             scene.time = params.frame_ms.map(TimeBudget::new);
         }
-        Ok(Self { scene, renderer, frames: 0, counted: Totals::default(), twin: None })
+        Ok(Self {
+            scene,
+            renderer,
+            frames: 0,
+            counted: Totals::default(),
+            drawn: Selection::default(),
+            picks: PickCache::default(),
+            twin: None,
+        })
     }
 
     pub fn source(&self) -> &Source {
@@ -74,7 +86,18 @@ impl Engine {
         report.draw_calls = drawn.draw_calls;
         report.timings = timings;
         self.frames += 1;
+        self.drawn = chosen.selection;
         Ok(report)
+    }
+
+    /// What the last frame drew, to be asked by navigation.
+    pub fn surroundings(&self) -> DrawnGround<'_> {
+        DrawnGround::new(&self.drawn, &self.scene.residency.lifts, &self.picks)
+    }
+
+    /// The list that the last frame drew.
+    pub fn drawn(&self) -> &Selection {
+        &self.drawn
     }
 
     /// Draws and waits for the pixels, so that a frame's time is the whole of it.

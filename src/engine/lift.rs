@@ -3,11 +3,12 @@
 //!
 //! Where the finest terrain of the world is drawn there is no lift: the walls were fitted to it at preparation.
 
-use crate::content::{CellObjects, Object, ObjectPage, PageId, PageKind, TerrainPage};
+use crate::content::{CellObjects, Object, ObjectPage, PageId, TerrainPage};
 use crate::forest::index::IndexForest;
 use crate::forest::{CellId, LEVEL_MAX};
 use crate::select::{DrawObjects, DrawPiece};
 use std::collections::HashMap;
+use std::sync::Arc;
 
 /// Morph weights are rounded to one of so many steps, and lifts to this many metres, so that a slow morph does not send
 /// them to the GPU in every frame. A lift depends on what is drawn alone, not on what was drawn before.
@@ -32,7 +33,7 @@ impl<'a> Ground<'a> {
     }
 
     /// The piece that covers the whole of a cell.
-    fn covering(&self, cell: CellId) -> Option<&'a DrawPiece> {
+    pub fn covering(&self, cell: CellId) -> Option<&'a DrawPiece> {
         self.levels.iter().find_map(|&level| self.pieces.get(&cell.ancestor(level)?).copied())
     }
 }
@@ -62,6 +63,7 @@ struct PageLifts {
     /// Level of the world's finest terrain at each object.
     finest: Vec<u8>,
     lifts_m: Vec<f32>,
+    highest_m: f32,
 }
 
 /// The lifts of the pages that were drawn since they arrived.
@@ -71,25 +73,63 @@ pub struct Lifts {
 }
 
 impl Lifts {
-    pub fn forget(&mut self, page: PageId) {
+    pub(super) fn forget(&mut self, page: PageId) {
         self.pages.remove(&page);
     }
 
     /// The page of drawn objects and their lifts in metres, or `None` where nothing changed since the last call.
-    pub fn update(
+    pub(super) fn update(
         &mut self,
         index: &IndexForest,
         ground: &Ground<'_>,
         drawn: &DrawObjects,
     ) -> Option<(PageId, &[f32])> {
         let page = &*drawn.page;
-        let id = PageId { cell: page.root, kind: PageKind::Objects { collection: page.collection, rep: page.rep } };
+        let id = page.id();
         let known = self.pages.entry(id).or_insert_with(|| PageLifts::new(index, page));
         let mut changed = false;
         for (at, cell) in page.cells.iter().enumerate() {
             changed |= known.update_cell(at, cell, page, ground);
         }
+        if changed {
+            known.highest_m = known.lifts_m.iter().copied().fold(0.0, f32::max);
+        }
         changed.then_some((id, &*known.lifts_m))
+    }
+}
+
+/// Lifts as they are drawn.
+pub trait KnownLifts {
+    /// The lifts of a page's objects and the highest of them, metres; none for pages never drawn.
+    fn of(&self, page: &ObjectPage) -> (&[f32], f32);
+}
+
+impl KnownLifts for Lifts {
+    fn of(&self, page: &ObjectPage) -> (&[f32], f32) {
+        self.pages.get(&page.id()).map_or((&[], 0.0), |known| (&*known.lifts_m, known.highest_m))
+    }
+}
+
+/// Copies of the lifts, for a thread that only draws.
+#[derive(Default)]
+pub struct LiftCopies {
+    pages: HashMap<PageId, (Arc<[f32]>, f32)>,
+}
+
+impl LiftCopies {
+    pub fn set(&mut self, page: PageId, lifts_m: &Arc<[f32]>) {
+        let highest_m = lifts_m.iter().copied().fold(0.0, f32::max);
+        self.pages.insert(page, (lifts_m.clone(), highest_m));
+    }
+
+    pub fn forget(&mut self, page: PageId) {
+        self.pages.remove(&page);
+    }
+}
+
+impl KnownLifts for LiftCopies {
+    fn of(&self, page: &ObjectPage) -> (&[f32], f32) {
+        self.pages.get(&page.id()).map_or((&[], 0.0), |(lifts_m, highest_m)| (lifts_m, *highest_m))
     }
 }
 
@@ -100,6 +140,7 @@ impl PageLifts {
             standing: vec![None; page.objects.len()],
             finest: page.objects.iter().map(|object| finest_terrain_level(index, object)).collect(),
             lifts_m: vec![0.0; page.objects.len()],
+            highest_m: 0.0,
         }
     }
 

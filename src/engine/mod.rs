@@ -13,11 +13,13 @@ mod levels;
 mod lift;
 mod live;
 mod params;
+mod pick_mesh;
 mod reader;
 mod report;
 mod residency;
 mod scene;
 mod sink;
+mod surroundings;
 mod tolerance;
 mod usage;
 
@@ -28,8 +30,11 @@ pub use footprint::{
 };
 pub use frame::Engine;
 pub use ground::GroundProbe;
+pub use lift::{KnownLifts, LiftCopies, Lifts};
 pub use live::{DisplayList, Live, Notify};
 pub use params::{EngineError, EngineParams, FrameRequest, Mode};
+pub use pick_mesh::{PICK_MESH_BYTES_MAX, PickWork};
 pub use reader::Source;
 pub use report::{FrameReport, FrameTimings};
+pub use surroundings::{DrawnGround, PickCache};
 pub use tolerance::{Aim, Lack};

@@ -188,6 +188,13 @@ pub fn ellipsoid_normal(lat_rad: f64, lon_rad: f64) -> DVec3 {
     DVec3::new(cos_lat * cos_lon, cos_lat * sin_lon, sin_lat)
 }
 
+/// Unit normal of the ellipsoid that is scaled to go through a point: the gradient of x²/a² + y²/a² + z²/b², as the
+/// shaders have it. At height h it is off the normal below the point by less than f · h/a radians (5 · 10⁻¹⁰ a metre).
+pub fn normal_through(point: Point<Ecef>) -> DVec3 {
+    const STRETCH: f64 = 1.0 / (1.0 - FLATTENING);
+    (point.xyz() * DVec3::new(1.0, 1.0, STRETCH * STRETCH)).normalize_or(DVec3::Z)
+}
+
 /// N(φ), the radius of curvature in the prime vertical, metres.
 pub fn prime_vertical_radius_m(sin_lat: f64) -> f64 {
     Ellipsoid::WGS84.prime_vertical_radius_m(sin_lat)

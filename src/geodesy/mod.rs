@@ -8,13 +8,15 @@ mod frame;
 mod geodesic;
 mod geoid;
 mod horizon;
+mod ray;
 
 pub use bounds::{GeoBounds, OrientedBox};
 pub use ellipsoid::{
     ECCENTRICITY_SQ, Ellipsoid, FLATTENING, Geodetic, SEMI_MAJOR_M, SEMI_MINOR_M, ellipsoid_normal, meridian_radius_m,
-    prime_vertical_radius_m,
+    normal_through, prime_vertical_radius_m,
 };
 pub use frame::{Ecef, Enu, Point, Transform, Vector};
 pub use geodesic::Course;
 pub use geoid::VerticalDatum;
 pub use horizon::HorizonCone;
+pub use ray::{Ray, enters_aligned, meets_front};

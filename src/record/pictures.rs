@@ -26,8 +26,12 @@ pub fn write_png(file: &Path, size_px: [u32; 2], rgba: &[u8]) -> Result<(), Reco
 pub fn png_bytes(size_px: [u32; 2], rgba: &[u8]) -> Result<Vec<u8>, image::ImageError> {
     let rgb: Vec<u8> = rgba.chunks_exact(4).flat_map(|pixel| [pixel[0], pixel[1], pixel[2]]).collect();
     let mut bytes = Vec::new();
-    png::PngEncoder::new_with_quality(&mut bytes, png::CompressionType::Fast, png::FilterType::Adaptive)
-        .write_image(&rgb, size_px[0], size_px[1], ExtendedColorType::Rgb8)?;
+    png::PngEncoder::new_with_quality(&mut bytes, png::CompressionType::Fast, png::FilterType::Adaptive).write_image(
+        &rgb,
+        size_px[0],
+        size_px[1],
+        ExtendedColorType::Rgb8,
+    )?;
     Ok(bytes)
 }
 

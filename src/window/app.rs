@@ -1,9 +1,9 @@
 //! The application: from the events of the system to frames, and from the first frame to a clean end.
 
+use super::WindowOptions;
 use super::panels::{Action, MessageKind, Panels, Quality};
 use super::settings::{Settings, SettingsFile};
 use super::stage::{Frame, Next, Stage};
-use super::WindowOptions;
 use crate::camera::Pose;
 use crate::engine::{EngineError, EngineParams, FrameReport};
 use crate::record::{FlightHeader, FlightLog, RecordError};

@@ -61,7 +61,8 @@ impl Drop for Saver {
 }
 
 fn save(picture: &Picture) -> Result<String, String> {
-    let bytes = png_bytes(picture.size_px, &picture.rgba).map_err(|error| format!("cannot encode the picture: {error}"))?;
+    let bytes =
+        png_bytes(picture.size_px, &picture.rgba).map_err(|error| format!("cannot encode the picture: {error}"))?;
     let folder = output_folder(OutputKind::Screenshot);
     save_new(OutputKind::Screenshot, &folder, picture.taken, |file| file.write_all(&bytes))
         .map(|file| format!("saved {}", file.display()))

@@ -92,7 +92,13 @@ impl Stage {
         notify: impl Fn() + Send + Clone + 'static,
     ) -> Result<Self, WindowError> {
         let size_px = size_of(&window);
-        let live = start(&window, options, params, View::new(pose, FOV_Y_RAD, size_px.map(|side| side.max(1))), Box::new(notify.clone()))?;
+        let live = start(
+            &window,
+            options,
+            params,
+            View::new(pose, FOV_Y_RAD, size_px.map(|side| side.max(1))),
+            Box::new(notify.clone()),
+        )?;
         let context = egui::Context::default();
         let scale = window.scale_factor() as f32;
         let egui = egui_winit::State::new(context, ViewportId::ROOT, &window, Some(scale), None, None);
@@ -328,9 +334,7 @@ impl Stage {
     fn playback(&self, now_s: f64) -> Playback {
         match (&self.recorder, &self.replay) {
             (Some(recorder), _) => Playback::Recording { at_s: recorder.at_s(now_s) },
-            (None, Some(replay)) => {
-                Playback::Replaying { at_s: replay.at_s(now_s), of_s: replay.path.duration_s() }
-            }
+            (None, Some(replay)) => Playback::Replaying { at_s: replay.at_s(now_s), of_s: replay.path.duration_s() },
             (None, None) => Playback::Off,
         }
     }

@@ -141,6 +141,7 @@ pub fn object_page(root: CellId, level: u8, count: u32) -> Page {
         origin: root.bounds().center().to_ecef(),
         objects,
         cells,
+        footprints: Default::default(),
     };
     Page::Objects(Arc::new(page), Arc::new(ObjectMesh::default()))
 }

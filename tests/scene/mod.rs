@@ -176,7 +176,16 @@ pub fn plates(root: CellId, origin: Point<Ecef>, corners: &[[Point<Ecef>; 4]]) -
         });
     }
     let count = objects.len() as u32;
-    let page = Arc::new(ObjectPage { root, collection: 1, rep: 0, error_m: 0.0, origin, objects, cells: Vec::new() });
+    let page = Arc::new(ObjectPage {
+        root,
+        collection: 1,
+        rep: 0,
+        error_m: 0.0,
+        origin,
+        objects,
+        cells: Vec::new(),
+        footprints: Default::default(),
+    });
     (Page::Objects(Arc::clone(&page), Arc::new(mesh)), DrawObjects { page, objects: vec![0..count] })
 }
 

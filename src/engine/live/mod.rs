@@ -12,11 +12,13 @@ mod thread;
 
 use super::cost::{Load, TimeBudget};
 use super::footprint::{IN_FLIGHT_MAX, Partition, UPLOAD_BYTES_PER_FRAME};
+use super::lift::LiftCopies;
 use super::scene::{Scene, Totals, timed};
+use super::surroundings::{DrawnGround, PickCache};
 use super::{EngineError, EngineParams, FrameReport, FrameTimings, Mode, Source};
 use crate::camera::View;
 use crate::render::{DrawOptions, GpuLimits, Renderer};
-use crate::select::OutOfView;
+use crate::select::{OutOfView, Selection};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use latest::Latest;
 pub use list::DisplayList;
@@ -66,12 +68,15 @@ pub struct Live {
     wake: Option<Sender<()>>,
     thread: Option<JoinHandle<()>>,
     list: Option<Box<DisplayList>>,
+    lifts: LiftCopies,
     /// An upload that waits for its list.
     held_over: Option<Upload>,
     time: TimeBudget,
     counted: Totals,
     frames: u64,
     last_view: Option<View>,
+    /// What is drawn before the first list.
+    nothing: Selection,
 }
 
 impl Live {
@@ -120,10 +125,12 @@ impl Live {
             wake: Some(wake),
             thread: None,
             list: None,
+            lifts: LiftCopies::default(),
             held_over: None,
             counted: Totals::default(),
             frames: 0,
             last_view: None,
+            nothing: Selection::default(),
         };
         live.tell_usage();
         live.list = Some(Box::new(scene_thread.first_list(view)));
@@ -156,6 +163,11 @@ impl Live {
     /// What the last frame drew.
     pub fn list(&self) -> Option<&DisplayList> {
         self.list.as_deref()
+    }
+
+    /// What the last frame drew, to be asked by navigation; `cache` is kept from call to call.
+    pub fn surroundings<'a>(&'a self, cache: &'a PickCache) -> DrawnGround<'a> {
+        DrawnGround::new(self.list.as_ref().map_or(&self.nothing, |list| &list.selection), &self.lifts, cache)
     }
 
     /// Messages of failures since the last call.
@@ -222,8 +234,14 @@ impl Live {
         let applied = self.shared.applied.load(Ordering::Relaxed);
         for (_, change) in list.changes.iter().filter(|&&(number, _)| number > applied) {
             match change {
-                Change::Remove(page) => self.renderer.remove(*page),
-                Change::Lift(page, lifts_m) => self.renderer.set_lifts(*page, lifts_m),
+                Change::Remove(page) => {
+                    self.renderer.remove(*page);
+                    self.lifts.forget(*page);
+                }
+                Change::Lift(page, lifts_m) => {
+                    self.renderer.set_lifts(*page, lifts_m);
+                    self.lifts.set(*page, lifts_m);
+                }
             }
         }
         self.shared.applied.store(list.number, Ordering::Release);

@@ -1,0 +1,214 @@
+//! What is drawn, for navigation: the point at a pixel, the ground at a place, the building there.
+//!
+//! All answers come from the last drawn list, so that hands meet what eyes see. Costs follow what lies near the ray or
+//! the place: boxes of pieces and balls of pages and cells are tried first. [`DrawnGround::work`] counts it.
+
+use super::lift::{Ground, KnownLifts};
+use super::pick_mesh::{PickMeshes, PickWork, Pose, Pressing};
+use crate::camera::{Obstacle, Surroundings, View};
+use crate::content::{Ball, ObjectPage};
+use crate::forest::{CellId, LEVEL_MAX};
+use crate::geodesy::{Ecef, Geodetic, Point, Ray, ellipsoid_normal};
+use crate::select::{DrawObjects, DrawPiece, Selection};
+use glam::DVec3;
+use std::cell::{Cell, OnceCell, RefCell};
+use std::f64::consts::{PI, TAU};
+
+/// Skirts lean out by up to 8 times their depth.
+const SKIRT_REACH: f64 = 8.1;
+
+/// What queries keep from one selection to the next: cut meshes, up to
+/// [`PICK_MESH_BYTES_MAX`](super::PICK_MESH_BYTES_MAX).
+#[derive(Default)]
+pub struct PickCache(RefCell<PickMeshes>);
+
+/// The surroundings of a drawn list. Make one for each selection; the index of its pieces is built when first needed.
+pub struct DrawnGround<'a> {
+    selection: &'a Selection,
+    lifts: &'a dyn KnownLifts,
+    cache: &'a PickCache,
+    ground: OnceCell<Ground<'a>>,
+    work: Cell<PickWork>,
+}
+
+impl<'a> DrawnGround<'a> {
+    /// `lifts` are those that the selection was drawn with.
+    pub fn new(selection: &'a Selection, lifts: &'a dyn KnownLifts, cache: &'a PickCache) -> Self {
+        Self { selection, lifts, cache, ground: OnceCell::new(), work: Cell::default() }
+    }
+
+    /// What the last query looked at.
+    pub fn work(&self) -> PickWork {
+        self.work.get()
+    }
+
+    fn pick_terrain(&self, ray: &Ray, press: Option<&Pressing>, work: &mut PickWork) -> Option<f64> {
+        let depth_m = press.map_or(0.0, |press| press.depth_m);
+        let mut entered: Vec<(f64, &DrawPiece)> = Vec::new();
+        for piece in &self.selection.pieces {
+            let mut around = piece.around;
+            around.half_m += DVec3::splat(f64::from(piece.skirt_m) * SKIRT_REACH + depth_m);
+            entered.extend(ray.enters_box(&around).map(|entry_m| (entry_m, piece)));
+        }
+        work.boxes += self.selection.pieces.len() as u32;
+        entered.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut nearest_m = f64::INFINITY;
+        for (entry_m, piece) in entered {
+            if entry_m >= nearest_m {
+                break;
+            }
+            let mesh = self.cache.0.borrow_mut().get(piece);
+            let pose = Pose { own: f64::from(piece.own), skirt_m: f64::from(piece.skirt_m), press };
+            work.pieces += 1;
+            nearest_m = mesh.meet(ray, pose, nearest_m, work).unwrap_or(nearest_m);
+        }
+        nearest_m.is_finite().then_some(nearest_m)
+    }
+
+    fn pick_objects(&self, ray: &Ray, press: Option<&Pressing>, before_m: f64, work: &mut PickWork) -> Option<f64> {
+        let mut near: Vec<(f64, usize, usize)> = Vec::new();
+        for (at, drawn) in self.selection.objects.iter().enumerate() {
+            let lifts = Standing::of(self.lifts, drawn);
+            lifts.near(
+                work,
+                &mut |center, radius_m| ray.enters_ball(center, radius_m).filter(|&entry_m| entry_m < before_m),
+                &mut |entry_m, which| near.push((entry_m, at, which)),
+            );
+        }
+        near.retain(|&(_, at, which)| is_drawn(&self.selection.objects[at], which));
+        near.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut nearest_m = before_m;
+        for (entry_m, at, which) in near {
+            if entry_m >= nearest_m {
+                break;
+            }
+            let drawn = &self.selection.objects[at];
+            let lift_m = Standing::of(self.lifts, drawn).pressed_lift_m(which, press);
+            work.objects += 1;
+            nearest_m = drawn.page.meet_ray(which, ray, lift_m).map_or(nearest_m, |met_m| met_m.min(nearest_m));
+        }
+        (nearest_m < before_m).then_some(nearest_m)
+    }
+}
+
+impl Surroundings for DrawnGround<'_> {
+    /// Terrain with its skirts, and objects; both as they are pressed down round an eye that drawn ground would bury.
+    fn pick(&self, view: &View, at_px: [f64; 2]) -> Option<Point<Ecef>> {
+        let ray = Ray { origin: view.eye(), direction: view.ray(at_px) };
+        let press = self.selection.press.map(|press| Pressing::new(view.eye(), view.pose.eye.up(), press));
+        let mut work = PickWork::default();
+        let ground_m = self.pick_terrain(&ray, press.as_ref(), &mut work);
+        let object_m = self.pick_objects(&ray, press.as_ref(), ground_m.unwrap_or(f64::INFINITY), &mut work);
+        self.work.set(work);
+        object_m.or(ground_m).map(|distance_m| ray.at(distance_m))
+    }
+
+    /// Not pressed down: what will stand there once the eye has left the ground.
+    fn ground_m(&self, lat_rad: f64, lon_rad: f64) -> Option<f64> {
+        // π and −π are the same meridian; cells know it as −π.
+        let lon_rad = if (-PI..PI).contains(&lon_rad) { lon_rad } else { (lon_rad + PI).rem_euclid(TAU) - PI };
+        let ground = self.ground.get_or_init(|| Ground::new(&self.selection.pieces));
+        let piece = ground.covering(CellId::containing(lat_rad, lon_rad, LEVEL_MAX));
+        self.work.set(PickWork { pieces: u32::from(piece.is_some()), ..PickWork::default() });
+        let piece = piece?;
+        piece.terrain.surface_height_m(lat_rad, lon_rad, f64::from(piece.own))
+    }
+
+    /// Of all objects in the pages that are drawn, those out of view included. The base is the foot of the walls.
+    fn obstacle(&self, lat_rad: f64, lon_rad: f64, margin_m: f64) -> Option<Obstacle> {
+        let mut work = PickWork::default();
+        let (foot, up) = (Geodetic { lat_rad, lon_rad, height_m: 0.0 }.to_ecef(), ellipsoid_normal(lat_rad, lon_rad));
+        let mut highest: Option<Obstacle> = None;
+        for drawn in &self.selection.objects {
+            let standing = Standing::of(self.lifts, drawn);
+            let mut near = Vec::new();
+            standing.near(
+                &mut work,
+                &mut |center, radius_m| {
+                    let from_foot = (center - foot).xyz();
+                    let aside_m = (from_foot - up * from_foot.dot(up)).length();
+                    (aside_m <= radius_m + margin_m).then_some(aside_m)
+                },
+                &mut |_, which| near.push(which),
+            );
+            for which in near {
+                work.objects += 1;
+                let known_m = highest.map_or(f64::NEG_INFINITY, |obstacle| obstacle.top_m);
+                let found = standing.obstacle(which).filter(|found| found.top_m > known_m);
+                if found.is_some() && drawn.page.footprint_holds(which, lat_rad, lon_rad, margin_m) {
+                    highest = found;
+                }
+            }
+        }
+        self.work.set(work);
+        highest
+    }
+}
+
+/// A drawn page with the lifts that its objects were drawn with.
+struct Standing<'a> {
+    page: &'a ObjectPage,
+    lifts_m: &'a [f32],
+    highest_m: f64,
+}
+
+impl<'a> Standing<'a> {
+    fn of(lifts: &'a dyn KnownLifts, drawn: &'a DrawObjects) -> Self {
+        let (lifts_m, highest_m) = lifts.of(&drawn.page);
+        Self { page: &drawn.page, lifts_m, highest_m: f64::from(highest_m) }
+    }
+
+    fn lift_m(&self, which: usize) -> f64 {
+        self.lifts_m.get(which).map_or(0.0, |&lift_m| f64::from(lift_m))
+    }
+
+    /// As vs_main in objects.wgsl has it: pressed ground takes objects along, but never below their base.
+    fn pressed_lift_m(&self, which: usize, press: Option<&Pressing>) -> f64 {
+        let pressed_m = press.zip(self.page.objects.get(which)).map_or(0.0, |(press, object)| press.at_m(object.place));
+        (self.lift_m(which) - pressed_m).max(0.0)
+    }
+
+    fn obstacle(&self, which: usize) -> Option<Obstacle> {
+        let (object, lift_m) = (self.page.objects.get(which)?, self.lift_m(which));
+        let base_m = f64::from(object.base_m) - self.page.foundation_m(which) + lift_m;
+        Some(Obstacle { base_m, top_m: f64::from(object.top_m) + lift_m })
+    }
+
+    /// Tells the objects whose balls are `met`, with its answer: the page's ball first, then those of its cells. A ball
+    /// grows by the lift that may have moved what is in it.
+    fn near(
+        &self,
+        work: &mut PickWork,
+        met: &mut dyn FnMut(Point<Ecef>, f64) -> Option<f64>,
+        tell: &mut dyn FnMut(f64, usize),
+    ) {
+        let mut ball_is_met = |ball: Option<Ball>, work: &mut PickWork| {
+            work.boxes += 1;
+            ball.is_some_and(|ball| met(ball.center(self.page.origin), ball.radius_m() + self.highest_m).is_some())
+        };
+        if !ball_is_met(self.page.ball(), work) {
+            return;
+        }
+        let cells: Vec<_> = self
+            .page
+            .cells
+            .iter()
+            .enumerate()
+            .filter(|&(entry, _)| ball_is_met(self.page.cell_ball(entry), work))
+            .map(|(_, cell)| cell)
+            .collect();
+        for which in cells.into_iter().flat_map(|cell| cell.objects.start as usize..cell.objects.end as usize) {
+            work.boxes += 1;
+            let Some((center, radius_m)) = self.page.object_ball(which) else { continue };
+            if let Some(answer) = met(center, radius_m + self.lift_m(which)) {
+                tell(answer, which);
+            }
+        }
+    }
+}
+
+/// Whether an object is in the ranges that are drawn, which ascend.
+fn is_drawn(drawn: &DrawObjects, which: usize) -> bool {
+    let after = drawn.objects.partition_point(|range| range.start as usize <= which);
+    after.checked_sub(1).is_some_and(|at| drawn.objects[at].contains(&(which as u32)))
+}
