@@ -33,6 +33,10 @@ fn the_world_is_whole_small_and_credits_its_sources() {
             info["sources"].as_array().unwrap().iter().any(|s| s["credit"].as_str().unwrap().contains(credit));
         assert!(credited, "{credit}");
     }
+    let views: Vec<_> = info["views"].as_array().unwrap().iter().map(|view| view["name"].as_str().unwrap()).collect();
+    assert_eq!(views, ["Helsinki", "Golden Gate"]);
+    let text = String::from_utf8(stoop(&["info", &world()]).stdout).unwrap();
+    assert!(text.contains("Golden Gate: -122.51000 37.80800 degrees, 650.0 m, heading 67.0, pitch -13.0"), "{text}");
 }
 
 #[test]

@@ -8,12 +8,14 @@ use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicUsize, Ordering};
+use std::time::{Duration, Instant};
 use stoop::content::{Page, PageId, PageKind};
 use stoop::forest::index::Place;
 use stoop::forest::{CellId, Zone};
 use stoop::paging::{
-    Command, Completion, Delivery, Event, InlineServer, Limits, ManagerError, Outcome, PageReader, PageServer,
-    ReadError, RequestManager, ServerLimits, ThreadedServers, least_footprint_bytes,
+    Command, Completion, Delivery, Event, Gate, InlineServer, Limits, ManagerError, Outcome, PageCounts, PageReader,
+    PageServer, PageState, ReadError, RequestManager, ServerLimits, SlowReader, Stall, ThreadedServers,
+    least_footprint_bytes,
 };
 use stoop::select::{Demand, Urgency};
 
@@ -122,6 +124,28 @@ impl Simulation {
         assert_eq!(stats.in_flight, self.under_way.len() as u64);
         assert!(self.under_way.len() <= self.limits.in_flight);
         assert!(self.manager.footprint_bytes() <= self.limits.footprint_bytes);
+        self.check_states();
+    }
+
+    fn check_states(&self) {
+        let all: Vec<PageState> = (0..90).map(|n| self.manager.state(page_id(n))).collect();
+        for (n, state) in all.iter().enumerate() {
+            let page = page_id(n as u32);
+            assert_eq!(*state == PageState::Resident, self.resident.contains_key(&page));
+            assert_eq!(*state == PageState::Requested, self.under_way.iter().any(|started| started.0 == page));
+        }
+        let counts = self.manager.page_counts();
+        let layers = [counts.terrain, counts.imagery, counts.objects];
+        for (first, layer) in layers.into_iter().enumerate() {
+            let count = |state| all.iter().skip(first).step_by(3).filter(|s| **s == state).count() as u64;
+            let states = [PageState::Resident, PageState::Requested, PageState::Failed].map(count);
+            assert_eq!([layer.resident, layer.requested, layer.failed], states);
+        }
+        let total = counts.total();
+        assert_eq!(total.resident, self.resident.len() as u64);
+        assert_eq!(total.requested, self.under_way.len() as u64);
+        let since = self.manager.awaited_since_secs();
+        assert!(since.is_none_or(|since| total.missing > 0 && since <= self.now_secs), "{since:?}");
     }
 }
 
@@ -250,6 +274,62 @@ fn failed_pages_are_tried_again_later_and_broken_ones_never() {
 }
 
 #[test]
+fn pages_have_a_state_and_are_counted_by_layer() {
+    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 3, read_bytes_per_update: MIB };
+    let mut manager = RequestManager::new(limits).unwrap();
+    // Two of each layer; the last three wait for their turn.
+    let wishes: Vec<Demand> = (0..6).map(|n| demand(n, Urgency::Visible, 10.0 - f64::from(n))).collect();
+    manager.update(&wishes, 0.0);
+    let complete = |manager: &mut RequestManager, n, completion| {
+        manager.complete(Event { page: page_id(n), completion }, 1.0);
+    };
+    complete(&mut manager, 0, Completion::Loaded { bytes: 1000 });
+    complete(&mut manager, 1, Completion::Broken);
+    complete(&mut manager, 2, Completion::Failed);
+    let states: Vec<PageState> = (0..7).map(|n| manager.state(page_id(n))).collect();
+    use PageState::{Absent, Failed, Requested, Resident};
+    assert_eq!(states, [Resident, Failed, Failed, Absent, Absent, Absent, Absent]);
+    let counts = manager.page_counts();
+    assert_eq!(counts.terrain, PageCounts { resident: 1, requested: 0, failed: 0, missing: 1 });
+    assert_eq!(counts.imagery, PageCounts { resident: 0, requested: 0, failed: 1, missing: 1 });
+    // What failed once is still to come.
+    assert_eq!(counts.objects, PageCounts { resident: 0, requested: 0, failed: 1, missing: 2 });
+    manager.update(&wishes, 2.0);
+    assert_eq!([2, 3, 4].map(|n| manager.state(page_id(n))), [Requested; 3]);
+    manager.update(&[], 3.0);
+    assert_eq!(manager.state(page_id(3)), Requested, "its bytes may still be held");
+    assert_eq!(manager.page_counts().total(), PageCounts { resident: 1, requested: 3, failed: 1, missing: 0 });
+}
+
+#[test]
+fn the_longest_wait_is_told_until_the_page_comes_or_is_wanted_no_more() {
+    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 8, read_bytes_per_update: MIB };
+    let mut manager = RequestManager::new(limits).unwrap();
+    let [first, second] = [1, 2].map(|n| demand(n, Urgency::Visible, 1.0));
+    let complete = |manager: &mut RequestManager, n, completion, now_secs| {
+        manager.complete(Event { page: page_id(n), completion }, now_secs);
+    };
+    assert_eq!(manager.awaited_since_secs(), None);
+    manager.update(&[first], 1.0);
+    manager.update(&[first, second], 2.0);
+    assert_eq!(manager.awaited_since_secs(), Some(1.0));
+    complete(&mut manager, 1, Completion::Failed, 3.0);
+    manager.update(&[first, second], 4.0);
+    assert_eq!(manager.awaited_since_secs(), Some(1.0), "another try is the same wait");
+    manager.update(&[second], 5.0);
+    assert_eq!(manager.awaited_since_secs(), Some(2.0));
+    manager.update(&[first, second], 6.0);
+    assert_eq!(manager.awaited_since_secs(), Some(2.0), "what was not wanted begins anew");
+    complete(&mut manager, 2, Completion::Loaded { bytes: 1000 }, 7.0);
+    assert_eq!(manager.awaited_since_secs(), None, "the other one is being cancelled");
+    complete(&mut manager, 1, Completion::Cancelled, 8.0);
+    manager.update(&[first, second], 9.0);
+    assert_eq!(manager.awaited_since_secs(), Some(9.0));
+    complete(&mut manager, 1, Completion::Broken, 10.0);
+    assert_eq!(manager.awaited_since_secs(), None, "what never comes is not awaited");
+}
+
+#[test]
 fn a_front_that_does_not_fit_is_said_and_not_thrashed() {
     let limits = Limits { footprint_bytes: 4 * MIB, in_flight: 8, read_bytes_per_update: 10 * MIB };
     let mut simulation = Simulation::new(limits);
@@ -363,4 +443,74 @@ fn a_full_queue_says_so_and_dropping_the_servers_ends_them() {
     assert_eq!((started, servers.in_flight()), (4, 4));
     drop(servers);
     assert_eq!(Arc::strong_count(&reader), 1, "all threads have ended");
+}
+
+/// Waits until as many reads hang.
+fn until_waiting(gate: &Gate, count: usize) {
+    while gate.waiting() != count {
+        std::thread::yield_now();
+    }
+}
+
+fn hanging() -> (Arc<Gate>, Arc<MadeUpReader>, Arc<dyn PageReader>) {
+    let (gate, made_up) = (Arc::new(Gate::default()), Arc::new(MadeUpReader { reads: AtomicUsize::new(0) }));
+    gate.close();
+    let reader = SlowReader::new(made_up.clone(), Duration::ZERO, gate.clone());
+    (gate, made_up, Arc::new(reader))
+}
+
+#[test]
+fn dropping_the_servers_does_not_wait_for_storage_that_hangs() {
+    let (gate, made_up, reader) = hanging();
+    let limits = ServerLimits { threads_per_layer: 1, queue_len: 8 };
+    let mut servers = ThreadedServers::start(&reader, limits).unwrap();
+    // Two for each layer: one hangs, one waits in the queue.
+    (0..6).for_each(|n| assert!(servers.start(page_id(n), Place::new(0, 100).unwrap())));
+    until_waiting(&gate, 3);
+    drop(servers);
+    assert_eq!((gate.waiting(), made_up.reads.load(Ordering::Relaxed)), (3, 0), "the threads were left behind");
+    gate.open();
+    while Arc::strong_count(&reader) > 1 {
+        std::thread::yield_now();
+    }
+    assert_eq!(made_up.reads.load(Ordering::Relaxed), 3, "the threads ended, and read nothing more");
+}
+
+#[test]
+fn reads_wait_at_a_closed_gate_and_all_come_when_it_opens() {
+    let (gate, made_up, reader) = hanging();
+    let limits = ServerLimits { threads_per_layer: 2, queue_len: 8 };
+    let mut servers = ThreadedServers::start(&reader, limits).unwrap();
+    (0..6).for_each(|n| assert!(servers.start(page_id(n), Place::new(0, 100).unwrap())));
+    until_waiting(&gate, 6);
+    assert!(servers.poll().is_none() && made_up.reads.load(Ordering::Relaxed) == 0);
+    gate.open();
+    assert!(drain(&mut servers).iter().all(|delivery| outcome(delivery) == "loaded"));
+    assert_eq!((gate.waiting(), made_up.reads.load(Ordering::Relaxed)), (0, 6));
+}
+
+#[test]
+fn slow_reads_take_their_latency_and_outlast_a_stall() {
+    let gate = Arc::new(Gate::default());
+    let made_up = Arc::new(MadeUpReader { reads: AtomicUsize::new(0) });
+    let latency = Duration::from_millis(20);
+    let reader = SlowReader::new(made_up, latency, gate.clone());
+    let read = || {
+        let begun = Instant::now();
+        assert!(reader.load(page_id(0), Place::new(0, 100).unwrap()).is_ok());
+        begun.elapsed()
+    };
+    assert!(read() >= latency);
+    let lasts = Duration::from_millis(80);
+    let begun = Instant::now();
+    gate.stall(Stall { at: Duration::ZERO, lasts });
+    read();
+    assert!(begun.elapsed() >= lasts);
+    gate.stall(Stall { at: Duration::ZERO, lasts: Duration::from_secs(3600) });
+    std::thread::scope(|scope| {
+        let hangs = scope.spawn(read);
+        until_waiting(&gate, 1);
+        gate.open();
+        assert!(hangs.join().is_ok_and(|took| took >= latency), "opening ends a stall");
+    });
 }

@@ -132,6 +132,7 @@ fn manifest() -> Manifest {
         zones: vec![],
         index_bytes: 0,
         pack_bytes: 0,
+        views: vec![],
     }
 }
 

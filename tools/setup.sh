@@ -1,11 +1,16 @@
 #!/usr/bin/env bash
 # Usage: tools/setup.sh [PACKAGE …]
 # Installs what a Debian machine lacks to build Stoop and to draw without a GPU: a C++ compiler, cmake and SQLite for
-# PROJ, Vulkan's loader with Mesa's software driver, and Rust. Does nothing, and needs no network, where all is there.
+# PROJ, Vulkan's loader with Mesa's software driver, what the window loads when it opens (X11 or Wayland; nothing of it
+# is needed to build), and Rust. Does nothing, and needs no network, where all is there.
 set -euo pipefail
 export PATH="$PATH:${CARGO_HOME:-$HOME/.cargo}/bin"
 
-packages=(build-essential ca-certificates cmake pkg-config sqlite3 libsqlite3-dev libvulkan1 mesa-vulkan-drivers "$@")
+# winit opens these by name at run time: libX11, libX11-xcb, libXcursor, libXi (libxcb comes with them), libxkbcommon and
+# libxkbcommon-x11 (with the keyboards' descriptions), libwayland-client.
+window=(libx11-6 libx11-xcb1 libxcursor1 libxi6 libxkbcommon0 libxkbcommon-x11-0 libwayland-client0)
+packages=(build-essential ca-certificates cmake pkg-config sqlite3 libsqlite3-dev libvulkan1 mesa-vulkan-drivers
+    "${window[@]}" "$@")
 rust_least=1.95
 
 as_root() {

@@ -4,7 +4,8 @@
 set -euo pipefail
 export PATH="$PATH:${CARGO_HOME:-$HOME/.cargo}/bin"
 cd "$(dirname "$0")/.."
-bash tools/setup.sh proj-bin
+# The window is tested on a display without a screen, with input events as the X server sends them.
+bash tools/setup.sh proj-bin xvfb xdotool
 for component in fmt clippy; do
     cargo "$component" --version >/dev/null 2>&1 || rustup component add "${component/fmt/rustfmt}"
 done

@@ -6,6 +6,10 @@
 //! front is never dropped for itself: where it does not fit, [`RequestManager::needs_coarser`] says so, and the engine
 //! raises the tolerance.
 
+mod progress;
+
+pub use progress::{LayerCounts, PageCounts, PageState};
+
 use super::estimate::{Estimator, largest_bytes};
 use super::policy::{is_front, ranked};
 use crate::content::{PageId, PageKind};
@@ -104,6 +108,8 @@ struct Wanted {
     update: u64,
     urgency: Urgency,
     gain: f64,
+    /// When the page was first asked for since it is demanded without a break, seconds.
+    asked_at_secs: Option<f64>,
 }
 
 pub struct RequestManager {
@@ -197,7 +203,9 @@ impl RequestManager {
 
     fn note_wanted(&mut self, demands: &[Demand]) {
         for demand in demands {
-            let wanted = Wanted { update: self.updates, urgency: demand.urgency, gain: demand.gain };
+            let known = self.wanted.get(&demand.page).filter(|known| known.update + 1 >= self.updates);
+            let asked_at_secs = known.and_then(|known| known.asked_at_secs);
+            let wanted = Wanted { update: self.updates, urgency: demand.urgency, gain: demand.gain, asked_at_secs };
             self.wanted.insert(demand.page, wanted);
         }
         let slots = &self.slots;
@@ -270,11 +278,14 @@ impl RequestManager {
                 self.out_of_room = true;
                 break;
             }
-            self.start(demand, bytes, commands);
+            self.start(demand, bytes, now_secs, commands);
         }
     }
 
-    fn start(&mut self, demand: &Demand, reserved_bytes: u64, commands: &mut Vec<Command>) {
+    fn start(&mut self, demand: &Demand, reserved_bytes: u64, now_secs: f64, commands: &mut Vec<Command>) {
+        if let Some(wanted) = self.wanted.get_mut(&demand.page) {
+            wanted.asked_at_secs.get_or_insert(now_secs);
+        }
         self.slots.insert(demand.page, Slot::Requested { place: demand.place, reserved_bytes });
         self.reserved_bytes += reserved_bytes;
         self.in_flight += 1;

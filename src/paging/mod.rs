@@ -5,10 +5,14 @@ mod estimate;
 mod manager;
 mod policy;
 mod servers;
+mod slow;
 
 pub use manager::{
-    Command, Completion, Event, Limits, ManagerError, ManagerStats, RequestManager, least_footprint_bytes,
+    Command, Completion, Event, LayerCounts, Limits, ManagerError, ManagerStats, PageCounts, PageState, RequestManager,
+    least_footprint_bytes,
 };
 pub use servers::{
-    Delivery, InlineServer, Outcome, PageReader, PageServer, ReadError, ServerError, ServerLimits, ThreadedServers,
+    Delivery, InlineServer, Outcome, PageReader, PageServer, ReadError, SHUTDOWN_WAIT, ServerError, ServerLimits,
+    ThreadedServers,
 };
+pub use slow::{Gate, SlowReader, Stall, StallError};

@@ -8,6 +8,7 @@ use std::collections::{HashSet, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, JoinHandle};
+use std::time::Duration;
 
 /// Why a page did not come.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -113,6 +114,13 @@ pub struct ServerError {
     source: std::io::Error,
 }
 
+/// How long dropping [`ThreadedServers`] waits for reads that are under way. Threads whose storage hangs longer are left
+/// behind: they hold all they use, read nothing more, and end when their read does.
+pub const SHUTDOWN_WAIT: Duration = Duration::from_secs(1);
+
+/// Nothing is ever sent: its channel closes when the last thread has ended.
+enum Never {}
+
 type Cancelled = Arc<Mutex<HashSet<PageId>>>;
 
 /// Threads by layer.
@@ -122,6 +130,7 @@ pub struct ThreadedServers {
     deliveries: Option<Receiver<Delivery>>,
     cancelled: Cancelled,
     threads: Vec<JoinHandle<()>>,
+    ended: Receiver<Never>,
     in_flight: usize,
     queue_len: usize,
 }
@@ -140,11 +149,13 @@ impl ThreadedServers {
     pub fn start(reader: &Arc<dyn PageReader>, limits: ServerLimits) -> Result<Self, ServerError> {
         let queue_len = limits.queue_len.max(1);
         let (to_engine, deliveries) = bounded(queue_len);
+        let (alive, ended) = bounded(0);
         let mut servers = Self {
             queues: Vec::new(),
             deliveries: Some(deliveries),
             cancelled: Cancelled::default(),
             threads: Vec::new(),
+            ended,
             in_flight: 0,
             queue_len,
         };
@@ -157,6 +168,7 @@ impl ThreadedServers {
                     jobs: jobs.clone(),
                     deliveries: to_engine.clone(),
                     cancelled: servers.cancelled.clone(),
+                    _alive: alive.clone(),
                 };
                 let name = format!("{name}-{number}");
                 let thread = Builder::new().name(name.clone()).spawn(move || worker.run());
@@ -202,7 +214,8 @@ impl Drop for ThreadedServers {
     fn drop(&mut self) {
         self.queues.clear();
         self.deliveries = None;
-        for thread in self.threads.drain(..) {
+        let all_ended = self.ended.recv_timeout(SHUTDOWN_WAIT).is_err_and(|error| error.is_disconnected());
+        for thread in self.threads.drain(..).filter(|thread| all_ended || thread.is_finished()) {
             // Panics in decoders are caught where they happen; there is nothing to report here.
             let _ = thread.join();
         }
@@ -214,6 +227,8 @@ struct Worker {
     jobs: Receiver<(PageId, Place)>,
     deliveries: Sender<Delivery>,
     cancelled: Cancelled,
+    /// Dropped last, when nothing else is held any more.
+    _alive: Sender<Never>,
 }
 
 impl Worker {

@@ -67,6 +67,7 @@ pub fn world(
         zones: Vec::new(),
         index_bytes: 0,
         pack_bytes: 0,
+        views: recipe.views(),
     };
     writer.finish(manifest, &trees)?;
     Ok(World::open(&options.out)?.manifest().clone())

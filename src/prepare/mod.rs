@@ -25,6 +25,7 @@ pub mod stage;
 pub mod task;
 pub mod terrain;
 pub mod vector;
+mod view_section;
 pub mod zone;
 
 pub use elevation::Elevation;

@@ -1,7 +1,9 @@
 //! Recipes: what a world is made of, as TOML.
 
 use super::PrepareError;
+use super::view_section::{self, ViewSection};
 use crate::geodesy::VerticalDatum;
+use crate::store::NamedView;
 use serde::Deserialize;
 use std::path::{Path, PathBuf};
 
@@ -20,6 +22,8 @@ pub struct Recipe {
     pub objects: Vec<ObjectsSection>,
     #[serde(default)]
     pub layout: Vec<LayoutSection>,
+    #[serde(default)]
+    pub view: Vec<ViewSection>,
     /// The text that this was read from.
     #[serde(skip)]
     pub text: String,
@@ -193,6 +197,17 @@ impl Recipe {
         self.path.parent().unwrap_or(Path::new(""))
     }
 
+    /// The world's bookmarks.
+    pub fn views(&self) -> Vec<NamedView> {
+        self.view.iter().map(ViewSection::to_view).collect()
+    }
+
+    fn check_views(&self) -> Result<(), PrepareError> {
+        let Some((offset, what)) = view_section::fault(&self.view) else { return Ok(()) };
+        let line = line_at(&self.text, offset);
+        Err(PrepareError::Recipe { file: self.path.display().to_string(), line, what })
+    }
+
     fn refuse_what_is_not_yet(&self) -> Result<(), PrepareError> {
         let absent = [("objects", self.objects.is_empty()), ("layout", self.layout.is_empty())];
         match absent.into_iter().find(|(_, empty)| !empty) {
@@ -251,7 +266,8 @@ impl Recipe {
                 return Err(bad("texel_m", "texel_m is a length in metres above 0".into()));
             }
         }
-        self.check_names(&bad)
+        self.check_names(&bad)?;
+        self.check_views()
     }
 
     fn check_names(&self, bad: &dyn Fn(&str, String) -> PrepareError) -> Result<(), PrepareError> {
@@ -278,12 +294,17 @@ fn sound_bounds([west, south, east, north]: &[f64; 4]) -> bool {
 
 /// 1-based line of the first place of `needle`.
 fn line_of(text: &str, needle: &str) -> usize {
-    let at = text.find(needle).unwrap_or(0);
-    text[..at].matches('\n').count() + 1
+    line_at(text, text.find(needle).unwrap_or(0))
+}
+
+/// 1-based line of a byte.
+fn line_at(text: &str, offset: usize) -> usize {
+    let before = text.as_bytes().get(..offset).unwrap_or(text.as_bytes());
+    before.iter().filter(|byte| **byte == b'\n').count() + 1
 }
 
 fn recipe_error(text: &str, path: &Path, error: &toml::de::Error) -> PrepareError {
-    let line = error.span().map_or(1, |span| text[..span.start.min(text.len())].matches('\n').count() + 1);
+    let line = error.span().map_or(1, |span| line_at(text, span.start));
     let message = error.message().trim().to_owned();
     let what = nearest_key(&message).unwrap_or(message);
     PrepareError::Recipe { file: path.display().to_string(), line, what }
@@ -380,6 +401,7 @@ mod tests {
             ("name = \"x\"\n[[layout]]\nname=\"t\"\ncollection=\"a\"", "line 2: [[layout]] is not supported yet"),
             ("name = \"x\"\n[[layout]]\nname=\"t\"\ncollection=\"a\"\nbands = 3", "unknown key `bands`"),
             ("name = \"x\"\n[[elevation]", "line 2"),
+            ("name = \"x\"\n[[view]]\nname = \"a\"\nlon_deg = 1\nlat_deg = 2\nheight_m = 3", "holds no sources"),
         ] {
             let error = parse(text).expect_err(text);
             assert!(error.contains(says), "{text:?} gave {error:?}");

@@ -55,6 +55,7 @@ impl ReliefPainter {
             buildings: Vec::new(),
             objects: Vec::new(),
             layout: Vec::new(),
+            view: vec![],
             text: String::new(),
             path: root.join("relief"),
         };

@@ -1,6 +1,6 @@
 //! `world.json`: its first line carries what the file is and the xxh3 of all that follows.
 
-use super::StoreError;
+use super::{NamedView, StoreError};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
@@ -25,6 +25,9 @@ pub struct Manifest {
     pub zones: Vec<u8>,
     pub index_bytes: u64,
     pub pack_bytes: u64,
+    /// Bookmarks of the recipe; see [`super::bookmarks`] for what a viewer offers.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub views: Vec<NamedView>,
 }
 
 const FIRST_LINE: [&str; 2] = ["{ \"format\": \"stoop world\", \"checksum\": \"", "\",\n"];
@@ -61,7 +64,11 @@ impl Manifest {
         if !is_whole(bytes) {
             return Err(fail("its checksum is wrong: it was changed after it was written"));
         }
-        serde_json::from_value(value).map_err(broken)
+        let manifest: Self = serde_json::from_value(value).map_err(broken)?;
+        match manifest.views.iter().find_map(|view| Some((&view.name, view.check().err()?))) {
+            Some((name, cause)) => Err(fail(&format!("the view {name:?} makes no sense: {cause}"))),
+            None => Ok(manifest),
+        }
     }
 }
 

@@ -18,6 +18,7 @@ mod objects;
 mod pack;
 mod terrain;
 mod verify;
+mod views;
 mod whole;
 mod world;
 mod writer;
@@ -32,6 +33,7 @@ pub use objects::{
 pub use pack::PageSource;
 pub use terrain::{HEIGHT_STEP_MIN_M, decode_terrain, encode_terrain, height_step_m};
 pub use verify::{Problem, Verified};
+pub use views::{HOME_HEIGHT_M, NamedView, VIEW_HEIGHT_M, VIEW_NAME_MAX, bookmarks};
 pub use whole::write_whole;
 pub use world::{MANIFEST_FILE, World};
 pub use writer::{Existing, MemoryWriter, WorldWriter};

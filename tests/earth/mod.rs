@@ -146,6 +146,7 @@ fn manifest() -> Manifest {
         zones: (0..32).collect(),
         index_bytes: 0,
         pack_bytes: 0,
+        views: vec![],
     }
 }
 

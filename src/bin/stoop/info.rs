@@ -6,7 +6,7 @@ use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use stoop::forest::ZONE_DEG;
-use stoop::store::{CollectionInfo, LayerInfo, World};
+use stoop::store::{CollectionInfo, LayerInfo, NamedView, World};
 use stoop::units::ByteSize;
 
 const EXAMPLES: &str = "\
@@ -34,6 +34,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let manifest = world.manifest();
     if arguments.json {
         let mut value = serde_json::to_value(manifest).context("the manifest as JSON")?;
+        value["views"] = json!(manifest.views);
         value["index_resident_bytes"] = json!(world.index().byte_len());
         cli::sayln!("{}", serde_json::to_string_pretty(&value)?);
         return Ok(ExitCode::SUCCESS);
@@ -51,6 +52,12 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     for collection in &manifest.collections {
         print_collection(collection);
     }
+    if !manifest.views.is_empty() {
+        cli::sayln!("\nviews");
+    }
+    for view in &manifest.views {
+        print_view(view);
+    }
     cli::sayln!("\nsources");
     for source in &manifest.sources {
         let spacing = if source.spacing_m > 0.0 { format!("{:.2} m, ", source.spacing_m) } else { String::new() };
@@ -60,6 +67,18 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         }
     }
     Ok(ExitCode::SUCCESS)
+}
+
+fn print_view(view: &NamedView) {
+    cli::sayln!(
+        "  {}: {:.5} {:.5} degrees, {:.1} m, heading {:.1}, pitch {:.1}",
+        view.name,
+        view.lon_deg,
+        view.lat_deg,
+        view.height_m,
+        view.heading_deg,
+        view.pitch_deg
+    );
 }
 
 fn unit_of(kind: &str) -> &'static str {

@@ -1,0 +1,95 @@
+//! What a display needs to know: the state of pages, how many there are of each, and how long one is awaited.
+
+use super::{RequestManager, Slot};
+use crate::content::{PageId, PageKind};
+
+/// What the request manager knows of a page.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum PageState {
+    /// Not held, and not asked for.
+    Absent,
+    /// Asked for; also while a cancellation is not confirmed yet.
+    Requested,
+    Resident,
+    /// The last try failed, and no other is under way.
+    Failed,
+}
+
+/// Pages of one layer by state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct PageCounts {
+    pub resident: u64,
+    /// Under way, cancelled ones included.
+    pub requested: u64,
+    /// Whether wanted now or not.
+    pub failed: u64,
+    /// Demanded in the last update, neither resident nor given up: asked for, or waiting for their turn.
+    pub missing: u64,
+}
+
+/// Pages by layer and state.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct LayerCounts {
+    pub terrain: PageCounts,
+    pub imagery: PageCounts,
+    pub objects: PageCounts,
+}
+
+impl LayerCounts {
+    fn of(&mut self, page: PageId) -> &mut PageCounts {
+        match page.kind {
+            PageKind::Terrain => &mut self.terrain,
+            PageKind::Imagery => &mut self.imagery,
+            PageKind::Objects { .. } => &mut self.objects,
+        }
+    }
+
+    /// Over all layers.
+    pub fn total(&self) -> PageCounts {
+        [self.terrain, self.imagery, self.objects].into_iter().fold(PageCounts::default(), |sum, layer| PageCounts {
+            resident: sum.resident + layer.resident,
+            requested: sum.requested + layer.requested,
+            failed: sum.failed + layer.failed,
+            missing: sum.missing + layer.missing,
+        })
+    }
+}
+
+impl RequestManager {
+    pub fn state(&self, page: PageId) -> PageState {
+        match self.slots.get(&page) {
+            Some(Slot::Resident { .. }) => PageState::Resident,
+            Some(Slot::Requested { .. } | Slot::Cancelling { .. }) => PageState::Requested,
+            None if self.faults.contains_key(&page) => PageState::Failed,
+            None => PageState::Absent,
+        }
+    }
+
+    /// Counts anew, in time proportional to the pages that are known.
+    pub fn page_counts(&self) -> LayerCounts {
+        let mut counts = LayerCounts::default();
+        for (&page, slot) in &self.slots {
+            let layer = counts.of(page);
+            match slot {
+                Slot::Resident { .. } => layer.resident += 1,
+                Slot::Requested { .. } | Slot::Cancelling { .. } => layer.requested += 1,
+            }
+        }
+        for &page in self.faults.keys().filter(|page| !self.slots.contains_key(page)) {
+            counts.of(page).failed += 1;
+        }
+        for &page in self.wanted.keys().filter(|page| self.is_wanted(**page) && self.is_awaited(**page)) {
+            counts.of(page).missing += 1;
+        }
+        counts
+    }
+
+    /// When the page that has been waited for longest was first asked for, on the clock of [`RequestManager::update`]:
+    /// of those that have been demanded in every update since, are not resident, and are not given up. Tries that
+    /// failed in between count as waiting.
+    pub fn awaited_since_secs(&self) -> Option<f64> {
+        let awaited =
+            self.wanted.iter().filter(|(page, wanted)| wanted.update == self.updates && self.is_awaited(**page));
+        awaited.filter_map(|(_, wanted)| wanted.asked_at_secs).min_by(f64::total_cmp)
+    }
+}
