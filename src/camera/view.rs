@@ -18,7 +18,7 @@ pub struct Pose {
 }
 
 /// Eye, axes, field of view and size of a picture.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct View {
     pub pose: Pose,
     pub fov_y_rad: f64,

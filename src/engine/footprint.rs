@@ -40,14 +40,19 @@ pub struct Partition {
 impl Partition {
     /// Fails where the footprint is below the least that can work with the world.
     pub fn new(footprint: ByteSize, mode: Mode, index: &IndexForest) -> Result<Self, EngineError> {
-        let servers = if mode == Mode::Live { LAYERS * THREADS_PER_LAYER as u64 } else { 1 };
-        let (index_bytes, scratch) = (index.byte_len() as u64, servers * SCRATCH_PER_SERVER_BYTES);
-        let least = index_bytes + scratch + MESH_MIN_BYTES + SLACK_BYTES + least_footprint_bytes(index);
+        let (index_bytes, scratch) = (index.byte_len() as u64, scratch_bytes(mode));
+        let least = Self::least(mode, index).0;
         let Some(spare) = footprint.0.checked_sub(least) else {
             return Err(EngineError::FootprintTooSmall { asked: footprint, least: ByteSize(least) });
         };
         let mesh = (footprint.0 / MESH_SHARE).clamp(MESH_MIN_BYTES, MESH_MIN_BYTES + spare);
         Ok(Self { footprint: footprint.0, index: index_bytes, scratch, mesh })
+    }
+
+    /// The least footprint that can work with a world.
+    pub fn least(mode: Mode, index: &IndexForest) -> ByteSize {
+        let fixed = index.byte_len() as u64 + scratch_bytes(mode) + MESH_MIN_BYTES + SLACK_BYTES;
+        ByteSize(fixed + least_footprint_bytes(index))
     }
 
     /// What is set aside for anything but pages and their arenas.
@@ -65,6 +70,11 @@ impl Partition {
         let arenas = self.footprint - self.fixed_bytes();
         GpuLimits { imagery_bytes: arenas, mesh_bytes: self.mesh, objects_bytes: arenas }
     }
+}
+
+fn scratch_bytes(mode: Mode) -> u64 {
+    let servers = if mode == Mode::Live { LAYERS * THREADS_PER_LAYER as u64 } else { 1 };
+    servers * SCRATCH_PER_SERVER_BYTES
 }
 
 #[cfg(test)]

@@ -88,6 +88,12 @@ pub struct Transform<To, From> {
     frames: PhantomData<fn(From) -> To>,
 }
 
+impl<To, From> PartialEq for Transform<To, From> {
+    fn eq(&self, other: &Self) -> bool {
+        self.rotation == other.rotation && self.translation == other.translation
+    }
+}
+
 impl<To, From> Clone for Transform<To, From> {
     fn clone(&self) -> Self {
         *self

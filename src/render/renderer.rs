@@ -238,6 +238,11 @@ impl Renderer {
         Some(pixels.map(|pixels| (size_px, pixels)))
     }
 
+    /// Whether a picture that was asked for is on its way.
+    pub fn has_picture_pending(&self) -> bool {
+        self.picture.is_some()
+    }
+
     /// The ids of the last picture, rows from the top; 0 is the sky.
     pub fn read_ids(&self) -> Result<Vec<u32>, RenderError> {
         self.targets()?.read_ids(&self.gpu)

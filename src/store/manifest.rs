@@ -46,6 +46,17 @@ impl Manifest {
         format!("{before}{:016x}{after}{rest}\n", xxh3_64(format!("{rest}\n").as_bytes())).into_bytes()
     }
 
+    /// Credit lines to show, each once, in the order of the sources.
+    pub fn credits(&self) -> Vec<String> {
+        let mut credits: Vec<String> = Vec::new();
+        for source in self.sources.iter().filter(|source| !source.credit.is_empty()) {
+            if !credits.contains(&source.credit) {
+                credits.push(source.credit.clone());
+            }
+        }
+        credits
+    }
+
     /// Reads a file's bytes; `file` is for messages.
     pub fn parse(bytes: &[u8], file: &Path) -> Result<Self, StoreError> {
         let fail = |cause: &str| StoreError::Manifest { file: file.to_owned(), cause: cause.to_owned() };

@@ -201,10 +201,8 @@ impl App {
     fn mend(&mut self, error: WindowError, system: &ActiveEventLoop) {
         let again = self.lost.replace(Instant::now()).is_some_and(|lost| lost.elapsed() < LOST_AGAIN);
         let bell = self.bell.clone();
-        let mended = match &mut self.stage {
-            Some(stage) if stage.is_lost() && !again => stage.reopen(&self.options, Box::new(move || bell.ring())),
-            _ => Err(error),
-        };
+        let lost = self.stage.as_mut().filter(|stage| stage.is_lost() && !again);
+        let mended = lost.map_or(Err(error), |stage| stage.reopen(&self.options, Box::new(move || bell.ring())));
         match mended {
             Ok(()) => self.redraw(),
             Err(error) => self.fail(error, system),

@@ -1,8 +1,9 @@
 //! Where pictures and recordings go, and names that never take the place of a file that is there.
 
+use crate::camera::FlightPath;
 use crate::store::write_whole;
 use std::fs::File;
-use std::io::{self, BufWriter};
+use std::io::{self, BufWriter, Write};
 use std::path::{Path, PathBuf};
 use std::time::{SystemTime, UNIX_EPOCH};
 
@@ -77,6 +78,12 @@ pub fn save_new(
             Err(fail(&file, cause))
         }
     }
+}
+
+/// Writes a flight into the user's folder for recordings.
+pub fn save_recording(path: &FlightPath) -> Result<PathBuf, OutputError> {
+    let folder = output_folder(OutputKind::Recording);
+    save_new(OutputKind::Recording, &folder, SystemTime::now(), |file| file.write_all(path.to_json().as_bytes()))
 }
 
 /// Makes an empty file under the first free name.

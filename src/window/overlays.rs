@@ -10,6 +10,7 @@ use crate::camera::View;
 use crate::content::{PageId, PageKind};
 use crate::forest::CellId;
 use crate::geodesy::{Geodetic, HorizonCone};
+use crate::paging::PageState;
 use crate::select::DrawPiece;
 use egui::{Align2, Color32, Context, FontFamily, FontId, Id, LayerId, Order, Painter, Shape, Stroke, vec2};
 use serde::{Deserialize, Serialize};
@@ -46,15 +47,6 @@ impl Overlays {
     pub fn any(&self) -> bool {
         self.zones || self.cells || self.page_state
     }
-}
-
-/// Why a page of the front is not there.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
-pub enum Lack {
-    /// Not asked for yet.
-    Absent,
-    Requested,
-    Failed,
 }
 
 /// Where the terrain and imagery of a drawn cell come from.
@@ -99,7 +91,7 @@ pub struct Drawn<'a> {
     /// Those of the frame; cells out of view are left out here.
     pub pieces: &'a [DrawPiece],
     /// Pages that the front wants and that are not resident; objects do not count.
-    pub lacking: &'a [(PageId, Lack)],
+    pub lacking: &'a [(PageId, PageState)],
 }
 
 /// Draws what is switched on, below the panels.
@@ -125,7 +117,7 @@ struct Scene<'a> {
     /// Indices of pieces by their cells in order; pieces lie apart.
     by_cell: Vec<usize>,
     /// Terrain and imagery that lack, by cell in order.
-    lacking: Vec<(CellId, Lack)>,
+    lacking: Vec<(CellId, PageState)>,
 }
 
 impl<'a> Scene<'a> {
@@ -217,15 +209,15 @@ impl<'a> Scene<'a> {
 }
 
 /// The worst of what lacks in the cell or below it, else whether its pages are its own. `lacking` is in order.
-fn piece_state(piece: &DrawPiece, lacking: &[(CellId, Lack)]) -> PieceState {
+fn piece_state(piece: &DrawPiece, lacking: &[(CellId, PageState)]) -> PieceState {
     let subtree = piece.cell.subtree();
     let from = lacking.partition_point(|(cell, _)| cell < subtree.start());
     let worst = lacking[from..].iter().take_while(|(cell, _)| cell <= subtree.end()).map(|&(_, lack)| lack).max();
     let is_own = piece.terrain.cell == piece.cell && piece.imagery.is_none_or(|cell| cell == piece.cell);
     match worst {
-        Some(Lack::Failed) => PieceState::Failed,
-        Some(Lack::Requested) => PieceState::Requested,
-        Some(Lack::Absent) => PieceState::StandIn,
+        Some(PageState::Failed) => PieceState::Failed,
+        Some(PageState::Requested) => PieceState::Requested,
+        Some(PageState::Absent | PageState::Resident) => PieceState::StandIn,
         None if is_own => PieceState::Own,
         None => PieceState::StandIn,
     }

@@ -7,7 +7,7 @@ use super::recorder::{Recorder, Replay};
 use super::saver::Saver;
 use super::{WindowError, WindowOptions};
 use crate::camera::{Destination, FlightPath, NavInput, Navigator, Pose, Surroundings, View};
-use crate::engine::{DrawnGround, EngineError, EngineParams, FrameReport, Live, Notify, PickCache};
+use crate::engine::{EngineError, EngineParams, FrameReport, Live, Notify, PickCache};
 use crate::geodesy::Geodetic;
 use crate::render::{Overlay, Presented, Renderer, Skip};
 use crate::units::ByteSize;
@@ -24,6 +24,13 @@ const TYPED_DISTANCE_M: f64 = 1500.0;
 const TYPED_PITCH_RAD: f64 = -std::f64::consts::FRAC_PI_4;
 /// After a frame that was skipped the next one is tried this much later.
 const SKIPPED_WAIT: Duration = Duration::from_millis(100);
+
+/// The first view of a world without bookmarks.
+pub const WHOLE_EARTH: Pose = Pose {
+    eye: Geodetic { lat_rad: 0.5, lon_rad: 0.2, height_m: 1.2e7 },
+    heading_rad: 0.0,
+    pitch_rad: -std::f64::consts::FRAC_PI_2,
+};
 
 /// A view with a name.
 #[derive(Clone, Debug, PartialEq)]
@@ -157,13 +164,22 @@ impl Stage {
         self.live.renderer().adapter_name().to_owned()
     }
 
-    pub fn is_lost(&mut self) -> bool {
-        self.live.renderer().is_lost()
+    pub fn is_lost(&self) -> bool {
+        self.live.is_lost()
     }
 
     pub fn quality(&self) -> Quality {
         let params = self.live.params();
         Quality { tolerance_px: params.tolerance_px, footprint: params.footprint, frame_ms: params.frame_ms }
+    }
+
+    /// Size of texts and panels over what the display asks for.
+    pub fn scale(&self) -> f64 {
+        f64::from(self.egui.egui_ctx().zoom_factor())
+    }
+
+    pub fn set_scale(&mut self, scale: f64) {
+        self.egui.egui_ctx().set_zoom_factor(scale as f32);
     }
 
     /// Where the eye is.
@@ -286,6 +302,7 @@ impl Stage {
     /// Panels and overlays; gives what was asked for and when they change by themselves.
     fn lay_out(&mut self, view: &View, now_s: f64) -> (Vec<Action>, Duration) {
         let input = self.egui.take_egui_input(&self.window);
+        let gpu_ms = self.live.gpu_ms();
         let context = self.egui.egui_ctx().clone();
         let around = self.live.surroundings(&self.picks);
         let place = |at_px: [f64; 2]| around.pick(view, at_px).map(Geodetic::from_ecef);
@@ -293,7 +310,6 @@ impl Stage {
         let middle_px = view.size_px.map(|side| f64::from(side) / 2.0);
         let eye = view.pose.eye;
         let list = self.live.list();
-        let gpu_ms = self.live.gpu_ms();
         let shown = Shown {
             now_s,
             view: *view,

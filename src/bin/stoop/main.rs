@@ -10,10 +10,12 @@ mod info;
 mod place;
 mod probe;
 mod shot;
+#[cfg(feature = "window")]
+mod view;
 
 use clap::{Parser, Subcommand};
-use std::path::PathBuf;
 use std::process::ExitCode;
+use std::time::Instant;
 
 /// Flies from the whole Earth to a doorstep over worlds that stoop-prepare made.
 #[derive(Parser)]
@@ -21,13 +23,17 @@ use std::process::ExitCode;
 struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
-    /// Worlds to open in a window (not in this version)
-    #[arg(value_name = "WORLD")]
-    worlds: Vec<PathBuf>,
+    #[cfg(feature = "window")]
+    #[command(flatten)]
+    view: view::Arguments,
 }
 
 const EXAMPLES: &str = "\
+Without a command the viewer opens a window on WORLD; press H there for its controls.
+
 Examples:
+  stoop
+  stoop WORLD --tolerance-px 2 --footprint 512MiB
   stoop fly tiles/default/world --path tiles/default/helsinki.json --frames pictures --every-secs 1
   stoop shot tiles/default/world --lon-deg 24.95 --lat-deg 60.17 --height-m 2000 --pitch-deg -60 --out city.png
   stoop info tiles/default/world";
@@ -49,17 +55,19 @@ enum Command {
 }
 
 fn main() -> ExitCode {
+    let started = Instant::now();
     let arguments = match Arguments::try_parse() {
         Ok(arguments) => arguments,
         Err(error) => return cli::explain_usage(&error),
     };
-    match run(arguments) {
+    match run(arguments, started) {
         Ok(code) => code,
         Err(error) => cli::explain(&error),
     }
 }
 
-fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+#[cfg_attr(not(feature = "window"), expect(unused_variables, reason = "only the window tells its first frame"))]
+fn run(arguments: Arguments, started: Instant) -> anyhow::Result<ExitCode> {
     match arguments.command {
         Some(Command::Fly(arguments)) => fly::run(*arguments),
         Some(Command::Shot(arguments)) => shot::run(arguments),
@@ -67,6 +75,12 @@ fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         Some(Command::Check(arguments)) => check::run(arguments),
         Some(Command::Probe(arguments)) => probe::run(arguments),
         Some(Command::Export(arguments)) => export::run(arguments),
-        None => Err(cli::NotYet::new("the window", "fly headless with `stoop fly WORLD --path FILE`").into()),
+        #[cfg(feature = "window")]
+        None => view::run(arguments.view, started),
+        #[cfg(not(feature = "window"))]
+        None => {
+            Err(cli::NotYet::new("the window (built without it)", "fly headless with `stoop fly WORLD --path FILE`")
+                .into())
+        }
     }
 }

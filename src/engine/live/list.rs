@@ -4,6 +4,7 @@ use crate::camera::View;
 use crate::content::PageId;
 use crate::engine::scene::Totals;
 use crate::engine::{EngineParams, FrameReport, TimeBudget};
+use crate::paging::{LayerCounts, PageState};
 use crate::select::Selection;
 use std::sync::Arc;
 
@@ -14,6 +15,12 @@ pub struct DisplayList {
     /// The view that it was selected for.
     pub view: View,
     pub selection: Selection,
+    /// Pages by layer and state.
+    pub pages: LayerCounts,
+    /// How long the page that has been waited for longest is awaited, seconds.
+    pub awaited_s: Option<f64>,
+    /// Pages of the front that are not resident.
+    pub lacking: Vec<(PageId, PageState)>,
     /// Without what only drawing tells; what is counted between frames is in `totals`.
     pub(super) report: FrameReport,
     pub(super) totals: Totals,

@@ -19,6 +19,7 @@ use super::{EngineError, EngineParams, FrameReport, FrameTimings, Mode, Source};
 use crate::camera::View;
 use crate::render::{DrawOptions, GpuLimits, Renderer};
 use crate::select::{OutOfView, Selection};
+use crate::units::ByteSize;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use latest::Latest;
 pub use list::DisplayList;
@@ -75,6 +76,7 @@ pub struct Live {
     counted: Totals,
     frames: u64,
     last_view: Option<View>,
+    ordered: Option<(View, EngineParams)>,
     /// What is drawn before the first list.
     nothing: Selection,
 }
@@ -130,6 +132,7 @@ impl Live {
             counted: Totals::default(),
             frames: 0,
             last_view: None,
+            ordered: None,
             nothing: Selection::default(),
         };
         live.tell_usage();
@@ -154,6 +157,21 @@ impl Live {
         self.params = EngineParams { mode: Mode::Live, ..params };
         self.time.frame_ms = self.params.frame_ms.unwrap_or(f64::INFINITY);
         Ok(())
+    }
+
+    /// The least footprint that works with a world in a window.
+    pub fn least_footprint(source: &Source) -> ByteSize {
+        Partition::least(Mode::Live, &source.index)
+    }
+
+    /// Time of the GPU for the newest frame that is known to be finished, milliseconds; without the panels.
+    pub fn gpu_ms(&mut self) -> Option<f64> {
+        self.renderer.gpu_ms().map(f64::from)
+    }
+
+    /// Whether the device is gone: what is left to do is to start anew with another renderer.
+    pub fn is_lost(&self) -> bool {
+        self.renderer.is_lost()
     }
 
     pub fn renderer(&mut self) -> &mut Renderer {
@@ -213,11 +231,16 @@ impl Live {
         }
     }
 
+    /// Asks for a list of this view, unless the last one asked for is the same.
     fn order(&mut self, view: &View, t_s: f64) {
         let pad_px = self.last_view.map_or(0, |last| pad_px(&last, view));
         self.last_view = Some(*view);
         let time = self.params.frame_ms.map(|_| self.time);
         let order = Order { view: view.padded(pad_px), t_s, params: self.params, time };
+        let asked = (order.view, order.params);
+        if self.ordered.replace(asked).is_some_and(|before| before == asked) {
+            return;
+        }
         drop(self.shared.orders.publish(Box::new(order)));
         self.wake();
     }
@@ -281,13 +304,20 @@ impl Live {
     }
 }
 
-impl Drop for Live {
-    fn drop(&mut self) {
+impl Live {
+    /// Ends the scene thread; only the last list can be drawn from then on.
+    pub fn close(&mut self) {
         self.wake = None;
         if let Some(thread) = self.thread.take() {
             // A panic there was shown where it happened.
             let _ = thread.join();
         }
+    }
+}
+
+impl Drop for Live {
+    fn drop(&mut self) {
+        self.close();
     }
 }
 

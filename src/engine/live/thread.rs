@@ -6,6 +6,7 @@ use super::{Notify, Shared};
 use crate::camera::View;
 use crate::engine::FrameTimings;
 use crate::engine::scene::Scene;
+use crate::paging::PageState;
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -92,7 +93,11 @@ impl SceneThread {
         }
         let (number, changes) = self.remote.publish();
         let totals = self.scene.totals();
-        DisplayList { number, view, selection: chosen.selection, report, totals, changes }
+        let manager = &self.scene.residency.manager;
+        let wanted = chosen.selection.demands.iter().map(|demand| (demand.page, manager.state(demand.page)));
+        let lacking = wanted.filter(|(_, state)| *state != PageState::Resident).collect();
+        let (pages, awaited_s) = (manager.page_counts(), manager.awaited_since_secs().map(|since_s| now_s - since_s));
+        DisplayList { number, view, selection: chosen.selection, pages, awaited_s, lacking, report, totals, changes }
     }
 
     /// What does not fit into the queue is one of many of its kind.

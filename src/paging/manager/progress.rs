@@ -4,7 +4,7 @@ use super::{RequestManager, Slot};
 use crate::content::{PageId, PageKind};
 
 /// What the request manager knows of a page.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub enum PageState {
     /// Not held, and not asked for.
     Absent,
@@ -44,9 +44,14 @@ impl LayerCounts {
         }
     }
 
+    /// With their names.
+    pub fn layers(&self) -> [(&'static str, PageCounts); 3] {
+        [("terrain", self.terrain), ("imagery", self.imagery), ("objects", self.objects)]
+    }
+
     /// Over all layers.
     pub fn total(&self) -> PageCounts {
-        [self.terrain, self.imagery, self.objects].into_iter().fold(PageCounts::default(), |sum, layer| PageCounts {
+        self.layers().into_iter().fold(PageCounts::default(), |sum, (_, layer)| PageCounts {
             resident: sum.resident + layer.resident,
             requested: sum.requested + layer.requested,
             failed: sum.failed + layer.failed,

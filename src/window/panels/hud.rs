@@ -1,8 +1,10 @@
 //! Frame times and counts, at the top left.
 
 use super::look::{self, MARGIN};
-use super::shown::{LayerPages, RaisedBy, Shown};
+use super::shown::Shown;
 use super::{curve, words};
+use crate::engine::Lack;
+use crate::paging::PageCounts;
 use crate::units::ByteSize;
 use egui::text::LayoutJob;
 use egui::{Align2, Color32, Context, Label, Sense, Ui, vec2};
@@ -78,17 +80,16 @@ fn frame_lines(shown: &Shown<'_>) -> Rows {
 
 fn tolerance(shown: &Shown<'_>) -> (String, Color32) {
     let asked = words::pixels(shown.asked.tolerance_px);
-    let Some(raised_by) = shown.raised_by else { return (asked, look::TEXT) };
-    let why = match raised_by {
-        RaisedBy::Memory => "memory",
-        RaisedBy::Time => "time",
-        RaisedBy::MemoryAndTime => "both",
+    let why = match shown.report.lack {
+        Lack::Nothing => return (asked, look::TEXT),
+        Lack::Memory => "memory",
+        Lack::Time => "time",
     };
-    (format!("{asked}, drawn {} ({why})", words::pixels(shown.tolerance_drawn_px)), look::WARN)
+    (format!("{asked}, drawn {} ({why})", words::pixels(shown.report.tolerance_drawn_px)), look::WARN)
 }
 
 fn footprint(ui: &mut Ui, shown: &Shown<'_>) {
-    let (used, limit) = (shown.footprint_used, shown.asked.footprint);
+    let (used, limit) = (ByteSize(shown.report.footprint_bytes), shown.asked.footprint);
     let share = used.0 as f64 / limit.0.max(1) as f64;
     let mut rows = Rows(LayoutJob::default());
     rows.row("footprint", &format!("{used} of {limit}"), look::TEXT);
@@ -100,7 +101,7 @@ fn page_lines(shown: &Shown<'_>) -> Rows {
     let layers = shown.pages.layers().map(|(_, pages)| pages);
     let mut rows = Rows(LayoutJob::default());
     rows.row("pages", &format!("{:>8}{:>8}{:>8}", "terrain", "imagery", "objects"), look::WEAK);
-    let mut state = |name: &str, of: fn(&LayerPages) -> u64, color| {
+    let mut state = |name: &str, of: fn(&PageCounts) -> u64, color| {
         let counts = layers.each_ref().map(of);
         let value: String = counts.iter().map(|&pages| format!("{:>8}", words::count(pages))).collect();
         rows.row(name, &value, if counts.iter().all(|&pages| pages == 0) { look::WEAK } else { color });
@@ -114,7 +115,7 @@ fn page_lines(shown: &Shown<'_>) -> Rows {
 
 /// `waiting for 12 pages (terrain 4, imagery 8), the oldest for 1.8 s`; `None` when nothing is missing.
 pub(super) fn waiting(shown: &Shown<'_>) -> Option<String> {
-    let missing = shown.pages.missing();
+    let missing = shown.pages.total().missing;
     if missing == 0 {
         return None;
     }

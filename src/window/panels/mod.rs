@@ -24,10 +24,10 @@ mod words;
 
 pub use action::Action;
 pub use controls::CONTROLS;
-pub use frame_times::{FRAMES_KEPT, FrameTimes};
-pub use messages::{MESSAGE_CHARS_MAX, MESSAGES_MAX, Message, MessageKind, Messages};
-pub use place_text::{HEIGHT_M, Named, PLACE_CHARS_MAX, Place, PlaceError, parse_place};
-pub use shown::{FOOTPRINT_MAX, FRAME_MS, LayerPages, PageCounts, Playback, Quality, RaisedBy, Shown, TOLERANCE_PX};
+pub use frame_times::FrameTimes;
+pub use messages::{MessageKind, Messages};
+pub use place_text::Place;
+pub use shown::{FRAME_MS, Playback, Quality, Shown, TOLERANCE_PX};
 
 use super::overlays::Overlays;
 use egui::Context;

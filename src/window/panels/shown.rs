@@ -5,6 +5,7 @@ use super::messages::Messages;
 use crate::camera::View;
 use crate::engine::FrameReport;
 use crate::geodesy::Geodetic;
+use crate::paging::LayerCounts;
 use crate::units::ByteSize;
 
 /// Tolerances that the slider and the keys reach, pixels.
@@ -45,43 +46,6 @@ impl Quality {
     }
 }
 
-/// Why the tolerance drawn is above the one asked for.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum RaisedBy {
-    /// The front did not fit the footprint.
-    Memory,
-    /// Frames took too long.
-    Time,
-    MemoryAndTime,
-}
-
-/// Pages of one layer by state.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct LayerPages {
-    pub resident: u64,
-    pub requested: u64,
-    pub failed: u64,
-    /// Wanted for this frame and not there, whether or not they are requested.
-    pub missing: u64,
-}
-
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PageCounts {
-    pub terrain: LayerPages,
-    pub imagery: LayerPages,
-    pub objects: LayerPages,
-}
-
-impl PageCounts {
-    pub fn layers(&self) -> [(&'static str, LayerPages); 3] {
-        [("terrain", self.terrain), ("imagery", self.imagery), ("objects", self.objects)]
-    }
-
-    pub fn missing(&self) -> u64 {
-        self.layers().iter().fold(0, |sum, (_, pages)| sum.saturating_add(pages.missing))
-    }
-}
-
 /// Recording and replaying of paths; times are seconds since the path's start.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Playback {
@@ -112,12 +76,9 @@ pub struct Shown<'a> {
     /// Of the newest finished frame; `None` where it cannot be measured.
     pub gpu_ms: Option<f64>,
     pub asked: Quality,
-    pub tolerance_drawn_px: f64,
-    pub raised_by: Option<RaisedBy>,
-    pub footprint_used: ByteSize,
     /// The least that works with this world.
     pub footprint_least: ByteSize,
-    pub pages: PageCounts,
+    pub pages: LayerCounts,
     /// How long the oldest missing page has been awaited.
     pub awaited_s: Option<f64>,
     /// Since the start.

@@ -1,0 +1,117 @@
+//! `stoop WORLD`: the viewer in a window.
+
+use crate::cli::{self, NotYet};
+use anyhow::Context;
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use stoop::camera::{FlightPath, Pose};
+use stoop::engine::{EngineParams, Source};
+use stoop::geodesy::Geodetic;
+use stoop::paging::{Gate, SlowReader, Stall};
+use stoop::store::{NamedView, bookmarks};
+use stoop::units::ByteSize;
+use stoop::window::{self, Bookmark, WindowOptions};
+
+/// Where the default world lies, from this folder or one above the program or the current folder.
+const DEFAULT_WORLDS: [&str; 2] = ["tiles/default/world", "share/stoop/default"];
+
+#[derive(clap::Args)]
+pub struct Arguments {
+    /// Folder of the world to open in a window; the default world when none is named
+    #[arg(value_name = "WORLD")]
+    worlds: Vec<PathBuf>,
+    /// Size of the window, logical pixels [default: as it was last]
+    #[arg(long)]
+    size: Option<cli::SizePx>,
+    /// Allowed screen-space error, pixels [default: as it was last, at first 1]
+    #[arg(long, value_parser = cli::positive)]
+    tolerance_px: Option<f64>,
+    /// Hard limit of the bytes held for pages, GPU arenas, decoding and index [default: as it was last, at first 256MiB]
+    #[arg(long, value_parser = cli::bytes)]
+    footprint: Option<ByteSize>,
+    /// Frame time to hold by drawing coarser, milliseconds, or off [default: as it was last, at first 33]
+    #[arg(long, value_name = "MS|off", value_parser = frame_ms)]
+    frame_ms: Option<FrameMs>,
+    /// Show this flight first, JSON; any key or click ends it
+    #[arg(long, value_name = "FILE")]
+    path: Option<PathBuf>,
+    /// When the window is closed, write a report of the session here, and frames.csv and timings.csv beside it
+    #[arg(long, value_name = "FILE.json")]
+    report: Option<PathBuf>,
+    /// Make all reads hang from AT seconds on, FOR seconds long: shows what a bad network does
+    #[arg(long, value_name = "AT,FOR")]
+    stall_secs: Option<Stall>,
+}
+
+/// A frame time, or none.
+#[derive(Clone, Copy, Debug)]
+struct FrameMs(Option<f64>);
+
+fn frame_ms(text: &str) -> Result<FrameMs, String> {
+    if text == "off" {
+        return Ok(FrameMs(None));
+    }
+    let [low, high] = window::FRAME_MS;
+    cli::positive(text)
+        .ok()
+        .filter(|ms| (low..=high).contains(ms))
+        .map(|ms| FrameMs(Some(ms)))
+        .ok_or_else(|| format!("must be off or a number from {low} to {high}"))
+}
+
+pub fn run(arguments: Arguments, started: Instant) -> anyhow::Result<ExitCode> {
+    let folder = match &arguments.worlds[..] {
+        [] => default_world()?,
+        [folder] => folder.clone(),
+        _ => return Err(NotYet::new("more than one world in a window", "name one").into()),
+    };
+    let mut source = cli::open(&folder)?;
+    let bookmarks = bookmarks(&source.manifest, &source.index).iter().map(bookmark).collect();
+    if let Some(stall) = arguments.stall_secs {
+        source = stalled(source, stall);
+    }
+    window::run(WindowOptions {
+        source,
+        bookmarks,
+        size_px: arguments.size.map(|size| size.0),
+        tolerance_px: arguments.tolerance_px,
+        footprint: arguments.footprint,
+        frame_ms: arguments.frame_ms.map(|frame_ms| frame_ms.0),
+        params: EngineParams::default(),
+        replay: arguments.path.as_deref().map(FlightPath::load).transpose()?,
+        report: arguments.report,
+        started,
+    })?;
+    Ok(ExitCode::SUCCESS)
+}
+
+/// The default world beside the program or the current folder.
+fn default_world() -> anyhow::Result<PathBuf> {
+    let program = std::env::current_exe().ok();
+    let here = std::env::current_dir().ok();
+    let starts = [here.as_deref(), program.as_deref().and_then(Path::parent)];
+    starts
+        .into_iter()
+        .flatten()
+        .flat_map(Path::ancestors)
+        .flat_map(|folder| DEFAULT_WORLDS.map(|world| folder.join(world)))
+        .find(|world| world.join("world.json").is_file())
+        .context(
+            "the default world is not here: start stoop in a clone of its repository, or name a world: `stoop WORLD` \
+             (stoop-prepare makes one from your files)",
+        )
+}
+
+fn bookmark(view: &NamedView) -> Bookmark {
+    let eye = Geodetic::from_degrees(view.lat_deg, view.lon_deg, view.height_m);
+    let (heading_rad, pitch_rad) = (view.heading_deg.to_radians(), view.pitch_deg.to_radians());
+    Bookmark { name: view.name.clone(), pose: Pose { eye, heading_rad, pitch_rad } }
+}
+
+fn stalled(source: Source, stall: Stall) -> Source {
+    let gate = Arc::new(Gate::default());
+    gate.stall(stall);
+    Source { reader: Arc::new(SlowReader::new(source.reader.clone(), Duration::ZERO, gate)), ..source }
+}
