@@ -175,7 +175,7 @@ fn meet_wall([a, b]: [DVec2; 2], heights_m: (f64, f64), origin: DVec3, direction
     let along = b - a;
     let outward = DVec2::new(along.y, -along.x);
     let towards = direction.truncate().dot(outward);
-    if !(towards < 0.0) {
+    if towards >= 0.0 || towards.is_nan() {
         return None;
     }
     let t = (a - origin.truncate()).dot(outward) / towards;

@@ -257,7 +257,8 @@ mod tests {
 
     #[test]
     fn meshes_are_kept_within_their_limit_and_go_with_their_page() {
-        let cells: Vec<_> = CellId::containing(0.5, 0.5, 9).children().flat_map(CellId::children).collect();
+        let coarse = [CellId::containing(0.5, 0.5, 9), CellId::containing(0.5, 0.6, 9)];
+        let cells: Vec<_> = coarse.iter().flat_map(|cell| cell.children()).flat_map(CellId::children).collect();
         let mut meshes = PickMeshes::default();
         let pages: Vec<_> = cells.iter().map(|&cell| rough(cell)).collect();
         let first = meshes.get(&piece(cells[0], &pages[0]));

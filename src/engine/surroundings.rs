@@ -212,3 +212,73 @@ fn is_drawn(drawn: &DrawObjects, which: usize) -> bool {
     let after = drawn.objects.partition_point(|range| range.start as usize <= which);
     after.checked_sub(1).is_some_and(|at| drawn.objects[at].contains(&(which as u32)))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::camera::Pose as ViewPose;
+    use crate::content::{Prism, TerrainPage, TerrainPost};
+    use crate::forest::index::IndexForest;
+    use crate::geodesy::OrientedBox;
+    use std::sync::Arc;
+
+    /// A tower of 40 m from a height of 10 m, on ground that is drawn at 35 m, half way to its parent's 70 m.
+    fn tower_on_risen_ground(cell: CellId, place: Geodetic) -> Selection {
+        let side_rad = 1e-6;
+        let corner = |x: f64, y: f64| [place.lon_rad + x * side_rad, place.lat_rad + y * side_rad];
+        let prism = Prism {
+            id: 0,
+            cell,
+            rings: vec![vec![corner(-1.0, -1.0), corner(1.0, -1.0), corner(1.0, 1.0), corner(-1.0, 1.0)]],
+            roof: vec![[0, 1, 2], [0, 2, 3]],
+            base_m: 10.0,
+            top_m: 50.0,
+            foundation_m: 2.0,
+            wall_color: [0; 3],
+            roof_color: [0; 3],
+        };
+        let (page, _) = ObjectPage::from_prisms(cell, 0, 0, 0.0, vec![prism]);
+        let posts = [(0, 0), (64, 0), (0, 64), (64, 64)].map(|(column, row)| TerrainPost {
+            column,
+            row,
+            height_m: 0.0,
+            parent_height_m: 70.0,
+            slope: [0; 2],
+        });
+        let terrain = Arc::new(TerrainPage::from_posts(cell, 1.0, posts.to_vec()).unwrap());
+        let around = OrientedBox::around(&cell.bounds(), -100.0, 100.0);
+        let objects = vec![DrawObjects { page: Arc::new(page), objects: std::iter::once(0..1).collect() }];
+        let piece = DrawPiece { cell, terrain, imagery: None, own: 0.5, skirt_m: 1.0, around };
+        Selection { pieces: vec![piece], objects, ..Selection::default() }
+    }
+
+    #[test]
+    fn lifted_objects_are_picked_and_stand_where_they_are_drawn() {
+        let cell = CellId::containing(0.8, 0.3, 14);
+        let place = cell.bounds().at(0.4, 0.6, 0.0);
+        let selection = tower_on_risen_ground(cell, place);
+        let (mut lifts, cache) = (Lifts::default(), PickCache::default());
+        let ground = Ground::new(&selection.pieces);
+        let (_, lifts_m) = lifts.update(&IndexForest::default(), &ground, &selection.objects[0]).unwrap();
+        // No world has finer ground: of the parent's 60 m above the base, half is drawn.
+        let lift_m = f64::from(lifts_m[0]);
+        assert!((lift_m - 30.0).abs() < 0.1, "{lift_m}");
+        let around = DrawnGround::new(&selection, &lifts, &cache);
+        let met = around.obstacle(place.lat_rad, place.lon_rad, 0.5).unwrap();
+        assert!((met.base_m - 8.0 - lift_m).abs() < 1e-6 && (met.top_m - 50.0 - lift_m).abs() < 1e-6);
+        let pose = ViewPose { eye: place.at_height(500.0), heading_rad: 0.0, pitch_rad: -std::f64::consts::FRAC_PI_2 };
+        let view = View::new(pose, 0.2, [300, 200]);
+        let height_m =
+            |around: &DrawnGround<'_>, at_px| Geodetic::from_ecef(around.pick(&view, at_px).unwrap()).height_m;
+        assert!((height_m(&around, [150.0, 100.0]) - 50.0 - lift_m).abs() < 0.01);
+        assert!((height_m(&around, [10.0, 10.0]) - 35.0).abs() < 0.1);
+        // Pressed down by 20 m, and then by more than there is lift.
+        for (depth_m, top_m) in [(20.0, 30.0 + lift_m), (45.0, 50.0)] {
+            let press = Some(crate::select::GroundPress { depth_m, radius_m: 1e4 });
+            let pressed = Selection { press, ..selection.clone() };
+            let around = DrawnGround::new(&pressed, &lifts, &cache);
+            assert!((height_m(&around, [150.0, 100.0]) - top_m).abs() < 0.01);
+            assert!((height_m(&around, [10.0, 10.0]) - 35.0 + f64::from(depth_m)).abs() < 0.1);
+        }
+    }
+}

@@ -61,8 +61,7 @@ pub fn meets_front(direction: DVec3, [a, b, c]: [DVec3; 3]) -> Option<f64> {
     let (ab, ac) = (b - a, c - a);
     let across = direction.cross(ac);
     let det = ab.dot(across);
-    // Written so that what is no number is no hit.
-    if !(det > 0.0) {
+    if det <= 0.0 || det.is_nan() {
         return None;
     }
     let u = -a.dot(across) / det;
