@@ -35,6 +35,8 @@ pub(super) struct Gpu {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub adapter_name: String,
+    /// Of the colour pictures: sRGB, 8 bits a channel.
+    pub color_format: wgpu::TextureFormat,
     failure: Arc<Mutex<Option<String>>>,
     lost: Arc<OnceLock<String>>,
 }
@@ -48,10 +50,11 @@ impl Gpu {
         };
         let adapter = pollster::block_on(instance.request_adapter(&options))
             .map_err(|cause| RenderError::NoAdapter(cause.to_string()))?;
-        Self::from_adapter(&adapter)
+        Self::from_adapter(&adapter, wgpu::TextureFormat::Rgba8UnormSrgb)
     }
 
-    pub fn from_adapter(adapter: &wgpu::Adapter) -> Result<Self, RenderError> {
+    /// A device whose colour pictures have a format, which must be sRGB with 8 bits a channel.
+    pub fn from_adapter(adapter: &wgpu::Adapter, color_format: wgpu::TextureFormat) -> Result<Self, RenderError> {
         let info = adapter.get_info();
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("stoop"),
@@ -75,7 +78,8 @@ impl Gpu {
             // Only the first loss counts.
             let _ = sink.set(if message.is_empty() { format!("{reason:?}") } else { message });
         });
-        Ok(Self { device, queue, adapter_name: format!("{} ({:?})", info.name, info.backend), failure, lost })
+        let adapter_name = format!("{} ({:?})", info.name, info.backend);
+        Ok(Self { device, queue, adapter_name, color_format, failure, lost })
     }
 
     pub fn is_lost(&self) -> bool {

@@ -1,7 +1,7 @@
 //! What the passes share: pipelines with and without the id and depth targets, storage layouts.
 
 use super::device::Gpu;
-use super::targets::{COLOR_FORMAT, DEPTH_FORMAT, ID_FORMAT, METRES_FORMAT};
+use super::targets::{DEPTH_FORMAT, ID_FORMAT, METRES_FORMAT};
 use std::sync::OnceLock;
 
 /// What tells one pass from another.
@@ -58,7 +58,7 @@ fn pipeline(
 ) -> wgpu::RenderPipeline {
     let target = |format, write_mask| Some(wgpu::ColorTargetState { format, blend: None, write_mask });
     let beside = if shape.backdrop { wgpu::ColorWrites::empty() } else { wgpu::ColorWrites::ALL };
-    let mut targets = vec![target(COLOR_FORMAT, wgpu::ColorWrites::ALL)];
+    let mut targets = vec![target(gpu.color_format, wgpu::ColorWrites::ALL)];
     if aov {
         targets.extend([target(ID_FORMAT, beside), target(METRES_FORMAT, beside)]);
     }

@@ -9,6 +9,8 @@ pub(super) struct ReadBack {
     pub size_px: [u32; 2],
     buffer: wgpu::Buffer,
     padded_row_bytes: usize,
+    /// Whether blue comes first.
+    is_bgra: bool,
     mapped: Arc<OnceLock<Result<(), String>>>,
 }
 
@@ -28,10 +30,11 @@ impl ReadBack {
         );
         gpu.queue.submit([encoder.finish()]);
         let mapped = map_for_reading(&buffer);
-        Self { size_px, buffer, padded_row_bytes: padded as usize, mapped }
+        let is_bgra = texture.format().remove_srgb_suffix() == wgpu::TextureFormat::Bgra8Unorm;
+        Self { size_px, buffer, padded_row_bytes: padded as usize, is_bgra, mapped }
     }
 
-    /// The rows from the top, without padding; `None` while they are on their way.
+    /// The rows from the top, without padding, red before blue; `None` while they are on their way.
     pub fn take(&self) -> Option<Result<Vec<u8>, RenderError>> {
         let mapped = self.mapped.get()?.clone();
         Some(mapped.and_then(|()| self.rows()).map_err(|cause| RenderError::Device(format!("reading back: {cause}"))))
@@ -42,6 +45,9 @@ impl ReadBack {
         let row_bytes = self.size_px[0] as usize * 4;
         let mut pixels = Vec::with_capacity(row_bytes * self.size_px[1] as usize);
         mapped.chunks(self.padded_row_bytes).for_each(|line| pixels.extend_from_slice(&line[..row_bytes]));
+        if self.is_bgra {
+            pixels.as_chunks_mut::<4>().0.iter_mut().for_each(|pixel| pixel.swap(0, 2));
+        }
         Ok(pixels)
     }
 }

@@ -3,7 +3,7 @@
 use super::device::{Gpu, RenderError};
 use super::options::GpuLimits;
 use super::overlay::{Overlay, OverlayPass};
-use super::present::PresentPass;
+use super::present::{PresentPass, copy};
 use super::renderer::Renderer;
 use super::surface::{Skip, WindowSurface};
 use std::sync::Arc;
@@ -89,7 +89,7 @@ impl Screen {
         Ok(presented)
     }
 
-    /// Picture and panels in one pass.
+    /// The picture is copied, or else drawn in one pass with the panels.
     fn draw(
         &mut self,
         gpu: &Gpu,
@@ -98,31 +98,36 @@ impl Screen {
         shown: &wgpu::Texture,
     ) -> Result<(), RenderError> {
         let size_px = [shown.width(), shown.height()];
-        let view = shown.create_view(&wgpu::TextureViewDescriptor::default());
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
         let has_panels = self.overlay.prepare(gpu, &mut encoder, overlay, size_px)?;
-        let mut pass = begin_pass(&mut encoder, &view).forget_lifetime();
-        if let Some(picture) = picture {
-            self.present.draw(gpu, &mut pass, picture, size_px);
+        let is_copied = picture.is_some_and(|picture| copy(&mut encoder, picture, shown));
+        if has_panels || !is_copied {
+            let mut pass = begin_pass(&mut encoder, shown, !is_copied);
+            if let Some(picture) = picture.filter(|_| !is_copied) {
+                self.present.draw(gpu, &mut pass, picture, size_px);
+            }
+            if has_panels {
+                self.overlay.draw(&mut pass, overlay, size_px);
+            }
         }
-        if has_panels {
-            self.overlay.draw(&mut pass, overlay, size_px);
-        }
-        drop(pass);
         gpu.queue.submit([encoder.finish()]);
         Ok(())
     }
 }
 
-fn begin_pass<'e>(encoder: &'e mut wgpu::CommandEncoder, view: &wgpu::TextureView) -> wgpu::RenderPass<'e> {
-    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+fn begin_pass(encoder: &mut wgpu::CommandEncoder, shown: &wgpu::Texture, clear: bool) -> wgpu::RenderPass<'static> {
+    let view = shown.create_view(&wgpu::TextureViewDescriptor::default());
+    let load = if clear { wgpu::LoadOp::Clear(wgpu::Color::BLACK) } else { wgpu::LoadOp::Load };
+    let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("present"),
         color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-            view,
+            view: &view,
             depth_slice: None,
             resolve_target: None,
-            ops: wgpu::Operations { load: wgpu::LoadOp::Clear(wgpu::Color::BLACK), store: wgpu::StoreOp::Store },
+            ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
         })],
         ..Default::default()
-    })
+    });
+    // egui wants a pass of its own lifetime; it ends before the encoder is used again.
+    pass.forget_lifetime()
 }

@@ -54,6 +54,7 @@ pub(super) struct WindowSurface {
     /// None only while it is made anew, and where that failed.
     surface: Option<wgpu::Surface<'static>>,
     format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
     present_mode: wgpu::PresentMode,
     alpha_mode: wgpu::CompositeAlphaMode,
     /// Of the window.
@@ -75,15 +76,20 @@ impl WindowSurface {
         };
         let adapter = pollster::block_on(instance.request_adapter(&options))
             .map_err(|cause| RenderError::NoAdapter(cause.to_string()))?;
-        let gpu = Gpu::from_adapter(&adapter)?;
-        let (format, present_mode, alpha_mode) = choose(&surface.get_capabilities(&adapter))
-            .ok_or_else(|| refused(&gpu, "it offers no format of 8 bits a channel"))?;
+        let choice = choose(&surface.get_capabilities(&adapter)).ok_or_else(|| RenderError::Surface {
+            name: adapter.get_info().name,
+            cause: "it offers no format of 8 bits a channel".into(),
+        })?;
+        let Choice { format, usage, present_mode, alpha_mode } = choice;
+        // Pictures have the surface's own order of bytes: then they can be copied without drawing.
+        let gpu = Gpu::from_adapter(&adapter, format.add_srgb_suffix())?;
         let mut opened = Self {
             target,
             instance,
             adapter,
             surface: Some(surface),
             format,
+            usage,
             present_mode,
             alpha_mode,
             size_px,
@@ -164,7 +170,7 @@ impl WindowSurface {
         surface.configure(
             &gpu.device,
             &wgpu::SurfaceConfiguration {
-                usage: wgpu::TextureUsages::RENDER_ATTACHMENT,
+                usage: self.usage,
                 format: self.format,
                 color_space: wgpu::SurfaceColorSpace::Auto,
                 width: self.size_px[0].min(limit),
@@ -192,18 +198,25 @@ fn refused(gpu: &Gpu, cause: &str) -> RenderError {
     RenderError::Surface { name: gpu.adapter_name.clone(), cause: cause.to_string() }
 }
 
-type Choice = (wgpu::TextureFormat, wgpu::PresentMode, wgpu::CompositeAlphaMode);
+#[derive(Debug, PartialEq)]
+struct Choice {
+    format: wgpu::TextureFormat,
+    usage: wgpu::TextureUsages,
+    present_mode: wgpu::PresentMode,
+    alpha_mode: wgpu::CompositeAlphaMode,
+}
 
 /// The best of what an adapter offers for a surface.
 fn choose(offered: &wgpu::SurfaceCapabilities) -> Option<Choice> {
     let format = FORMATS.into_iter().find(|format| offered.formats.contains(format))?;
     // Both are without tearing; Mailbox never makes a frame wait for the one before. Fifo is there everywhere.
-    let mode = [wgpu::PresentMode::Mailbox, wgpu::PresentMode::Fifo]
+    let present_mode = [wgpu::PresentMode::Mailbox, wgpu::PresentMode::Fifo]
         .into_iter()
         .find(|mode| offered.present_modes.contains(mode))?;
     let opaque = wgpu::CompositeAlphaMode::Opaque;
-    let alpha = if offered.alpha_modes.contains(&opaque) { opaque } else { wgpu::CompositeAlphaMode::Auto };
-    Some((format, mode, alpha))
+    let alpha_mode = if offered.alpha_modes.contains(&opaque) { opaque } else { wgpu::CompositeAlphaMode::Auto };
+    let usage = wgpu::TextureUsages::RENDER_ATTACHMENT | (offered.usages & wgpu::TextureUsages::COPY_DST);
+    Some(Choice { format, usage, present_mode, alpha_mode })
 }
 
 #[cfg(test)]
@@ -218,8 +231,7 @@ mod tests {
     fn a_surface_without_tearing_and_with_bytes_as_they_are_is_chosen() {
         use wgpu::PresentMode::{Fifo, Immediate, Mailbox};
         use wgpu::TextureFormat::{Bgra8Unorm, Bgra8UnormSrgb, Rgb10a2Unorm, Rgba8UnormSrgb};
-        let chosen =
-            |formats: &[_], modes: &[_]| choose(&offer(formats, modes)).map(|(format, mode, _)| (format, mode));
+        let chosen = |formats: &[_], modes: &[_]| choose(&offer(formats, modes)).map(|c| (c.format, c.present_mode));
         assert_eq!(chosen(&[Bgra8UnormSrgb, Bgra8Unorm], &[Immediate, Fifo, Mailbox]), Some((Bgra8Unorm, Mailbox)));
         assert_eq!(chosen(&[Rgb10a2Unorm, Rgba8UnormSrgb], &[Immediate, Fifo]), Some((Rgba8UnormSrgb, Fifo)));
         assert_eq!(chosen(&[Rgb10a2Unorm], &[Fifo]), None);

@@ -3,9 +3,6 @@
 use super::device::{Gpu, RenderError};
 use super::read_back::{ReadBack, read};
 
-pub(super) const COLOR_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
-/// The same bytes without a meaning: what is copied so is copied exactly.
-pub(super) const COLOR_BYTES_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8Unorm;
 pub(super) const ID_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Uint;
 pub(super) const METRES_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::R32Float;
 pub(super) const DEPTH_FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Depth32Float;
@@ -36,7 +33,7 @@ impl Targets {
         let shown = read | wgpu::TextureUsages::TEXTURE_BINDING;
         Ok(Self {
             size_px,
-            color: target(gpu, size_px, COLOR_FORMAT, shown),
+            color: target(gpu, size_px, gpu.color_format, shown),
             depth: target(gpu, size_px, DEPTH_FORMAT, wgpu::TextureUsages::empty()),
             aov: aov.then(|| [target(gpu, size_px, ID_FORMAT, read), target(gpu, size_px, METRES_FORMAT, read)]),
         })
@@ -76,7 +73,7 @@ impl Targets {
         })
     }
 
-    /// The colours, for a copy; they may be viewed as bytes too.
+    /// The colours, for a copy; they may be viewed as plain bytes too.
     #[cfg(feature = "window")]
     pub fn color_texture(&self) -> &wgpu::Texture {
         &self.color.texture
@@ -120,6 +117,7 @@ fn attachment(
 }
 
 fn target(gpu: &Gpu, [width, height]: [u32; 2], format: wgpu::TextureFormat, usage: wgpu::TextureUsages) -> Target {
+    let bytes = [format.remove_srgb_suffix()];
     let texture = gpu.device.create_texture(&wgpu::TextureDescriptor {
         label: Some("target"),
         size: wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
@@ -128,7 +126,8 @@ fn target(gpu: &Gpu, [width, height]: [u32; 2], format: wgpu::TextureFormat, usa
         dimension: wgpu::TextureDimension::D2,
         format,
         usage: usage | wgpu::TextureUsages::RENDER_ATTACHMENT,
-        view_formats: if format == COLOR_FORMAT { &[COLOR_BYTES_FORMAT] } else { &[] },
+        // Viewed as plain bytes, colours are copied exactly.
+        view_formats: if format.is_srgb() { &bytes } else { &[] },
     });
     let view = texture.create_view(&wgpu::TextureViewDescriptor::default());
     Target { texture, view }
