@@ -100,7 +100,7 @@ pub fn show(ctx: &Context, overlays: Overlays, drawn: &Drawn<'_>) {
         return;
     }
     let painter = ctx.layer_painter(LayerId::new(Order::Background, Id::unique("stoop overlays")));
-    let scene = Scene::new(drawn, ctx.pixels_per_point());
+    let scene = Scene::new(*drawn, ctx.pixels_per_point());
     let mut tracer = Tracer::new(drawn.view, scene.horizon, ctx.pixels_per_point(), POINTS_MAX);
     if overlays.cells || overlays.page_state {
         scene.cells(overlays, &mut tracer, &painter);
@@ -111,7 +111,7 @@ pub fn show(ctx: &Context, overlays: Overlays, drawn: &Drawn<'_>) {
 }
 
 struct Scene<'a> {
-    drawn: &'a Drawn<'a>,
+    drawn: Drawn<'a>,
     horizon: HorizonCone,
     pixels_per_point: f32,
     /// Indices of pieces by their cells in order; pieces lie apart.
@@ -121,7 +121,7 @@ struct Scene<'a> {
 }
 
 impl<'a> Scene<'a> {
-    fn new(drawn: &'a Drawn<'a>, pixels_per_point: f32) -> Self {
+    fn new(drawn: Drawn<'a>, pixels_per_point: f32) -> Self {
         let eye = drawn.view.eye();
         let sunk_m = (EYE_CLEARANCE_M - drawn.view.pose.eye.height_m).max(0.0);
         let mut by_cell: Vec<usize> = (0..drawn.pieces.len()).collect();

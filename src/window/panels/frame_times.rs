@@ -103,7 +103,9 @@ mod tests {
     #[test]
     fn what_is_no_time_is_left_out_and_the_ring_is_bounded() {
         let mut times = FrameTimes::default();
-        [f64::NAN, f64::INFINITY, 0.0, -1.0, 1e300].map(|ms| times.push(ms));
+        for no_time in [f64::NAN, f64::INFINITY, 0.0, -1.0, 1e300] {
+            times.push(no_time);
+        }
         assert_eq!(times.newest().count(), 0);
         (0..5000).for_each(|at| times.push(1.0 + f64::from(at)));
         assert_eq!(times.newest().count(), FRAMES_KEPT);

@@ -20,7 +20,7 @@ pub(super) fn show(ctx: &Context, shown: &Shown<'_>) {
         let half = screen.width() / 2.0 - 5.0 * MARGIN;
         ui.set_width(WIDTH.min(half.max(160.0)).min(screen.width() - 4.0 * MARGIN));
         let height_max = (screen.height() - look::BAR_HEIGHT - 6.0 * MARGIN).max(40.0);
-        ScrollArea::vertical().max_height(height_max).animated(false).show(ui, |ui| {
+        ScrollArea::vertical().max_height(height_max).min_scrolled_height(height_max).animated(false).show(ui, |ui| {
             controls(ui);
             ui.separator();
             credits(ui, shown);

@@ -9,7 +9,6 @@ pub(super) const WEAK: Color32 = Color32::from_gray(160);
 pub(super) const ACCENT: Color32 = Color32::from_rgb(120, 190, 255);
 pub(super) const WARN: Color32 = Color32::from_rgb(255, 190, 90);
 pub(super) const BAD: Color32 = Color32::from_rgb(255, 115, 100);
-pub(super) const GOOD: Color32 = Color32::from_rgb(130, 215, 140);
 /// Between panels and the edge of the picture, points.
 pub(super) const MARGIN: f32 = 6.0;
 /// Height of the status line, points.

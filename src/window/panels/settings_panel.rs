@@ -16,7 +16,7 @@ pub(super) fn show(ctx: &Context, shown: &Shown<'_>, panels: &mut Panels, action
     look::panel(ctx, "settings", Align2::RIGHT_TOP, at, |ui| {
         ui.set_width(WIDTH.min(screen.width() - 4.0 * MARGIN));
         let height_max = (screen.height() - look::BAR_HEIGHT - 6.0 * MARGIN).max(40.0);
-        ScrollArea::vertical().max_height(height_max).animated(false).show(ui, |ui| {
+        ScrollArea::vertical().max_height(height_max).min_scrolled_height(height_max).animated(false).show(ui, |ui| {
             ui.spacing_mut().item_spacing.y = 4.0;
             quality(ui, shown, &mut panels.dragged, actions);
             ui.separator();
