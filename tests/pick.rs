@@ -259,7 +259,7 @@ fn made_up_city() -> Selection {
     });
     let terrain = Arc::new(TerrainPage::from_posts(root, 1.0, posts.to_vec()).unwrap());
     let around = OrientedBox::around(&root.bounds(), -10.0, 10.0);
-    let piece = DrawPiece { cell: root, terrain, imagery: None, own: 1.0, skirt_m: 1.0, around };
+    let piece = DrawPiece { cell: root, terrain, imagery: None, own: 1.0, error_m: 0.0, skirt_m: 1.0, around };
     let objects = vec![DrawObjects { page: Arc::new(page), objects: std::iter::once(0..20_000).collect() }];
     Selection { pieces: vec![piece], objects, ..Selection::default() }
 }

@@ -5,7 +5,7 @@
 //! they have allocated beyond the pages in them is fragmentation, which is taken out of the pool as it comes
 //! ([`Partition::pool_bytes`]).
 
-use super::{EngineError, Mode};
+use super::{EngineError, Mode, PICK_MESH_BYTES_MAX};
 use crate::forest::index::IndexForest;
 use crate::paging::least_footprint_bytes;
 use crate::render::GpuLimits;
@@ -72,9 +72,12 @@ impl Partition {
     }
 }
 
+/// Decoders' workspace, and in live runs what picking keeps.
 fn scratch_bytes(mode: Mode) -> u64 {
-    let servers = if mode == Mode::Live { LAYERS * THREADS_PER_LAYER as u64 } else { 1 };
-    servers * SCRATCH_PER_SERVER_BYTES
+    match mode {
+        Mode::Live => LAYERS * THREADS_PER_LAYER as u64 * SCRATCH_PER_SERVER_BYTES + PICK_MESH_BYTES_MAX as u64,
+        Mode::LockStep | Mode::Settled => SCRATCH_PER_SERVER_BYTES,
+    }
 }
 
 #[cfg(test)]

@@ -252,7 +252,7 @@ mod tests {
 
     fn piece(cell: CellId, terrain: &Arc<TerrainPage>) -> DrawPiece {
         let around = OrientedBox::around(&cell.bounds(), -1e3, 1e3);
-        DrawPiece { cell, terrain: Arc::clone(terrain), imagery: None, own: 1.0, skirt_m: 0.0, around }
+        DrawPiece { cell, terrain: Arc::clone(terrain), imagery: None, own: 1.0, error_m: 0.0, skirt_m: 0.0, around }
     }
 
     #[test]

@@ -42,6 +42,17 @@ impl<'a> DrawnGround<'a> {
         self.work.get()
     }
 
+    /// The piece drawn over a place.
+    fn piece_at(&self, lat_rad: f64, lon_rad: f64) -> Option<&'a DrawPiece> {
+        let ground = self.ground.get_or_init(|| Ground::new(&self.selection.pieces));
+        ground.covering(CellId::containing(lat_rad, lon_rad, LEVEL_MAX))
+    }
+
+    /// Bounds the distance between the drawn ground at a place and the truth, metres; `None` where none is drawn.
+    pub fn ground_error_m(&self, lat_rad: f64, lon_rad: f64) -> Option<f64> {
+        self.piece_at(lat_rad, west_to_east(lon_rad)).map(|piece| f64::from(piece.error_m))
+    }
+
     fn pick_terrain(&self, ray: &Ray, press: Option<&Pressing>, work: &mut PickWork) -> Option<f64> {
         let depth_m = press.map_or(0.0, |press| press.depth_m);
         let mut entered: Vec<(f64, &DrawPiece)> = Vec::new();
@@ -105,10 +116,8 @@ impl Surroundings for DrawnGround<'_> {
 
     /// Not pressed down: what will stand there once the eye has left the ground.
     fn ground_m(&self, lat_rad: f64, lon_rad: f64) -> Option<f64> {
-        // π and −π are the same meridian; cells know it as −π.
-        let lon_rad = if (-PI..PI).contains(&lon_rad) { lon_rad } else { (lon_rad + PI).rem_euclid(TAU) - PI };
-        let ground = self.ground.get_or_init(|| Ground::new(&self.selection.pieces));
-        let piece = ground.covering(CellId::containing(lat_rad, lon_rad, LEVEL_MAX));
+        let lon_rad = west_to_east(lon_rad);
+        let piece = self.piece_at(lat_rad, lon_rad);
         self.work.set(PickWork { pieces: u32::from(piece.is_some()), ..PickWork::default() });
         let piece = piece?;
         piece.terrain.surface_height_m(lat_rad, lon_rad, f64::from(piece.own))
@@ -143,6 +152,11 @@ impl Surroundings for DrawnGround<'_> {
         self.work.set(work);
         highest
     }
+}
+
+/// π and −π are the same meridian; cells know it as −π.
+fn west_to_east(lon_rad: f64) -> f64 {
+    if (-PI..PI).contains(&lon_rad) { lon_rad } else { (lon_rad + PI).rem_euclid(TAU) - PI }
 }
 
 /// A drawn page with the lifts that its objects were drawn with.
@@ -248,7 +262,7 @@ mod tests {
         let terrain = Arc::new(TerrainPage::from_posts(cell, 1.0, posts.to_vec()).unwrap());
         let around = OrientedBox::around(&cell.bounds(), -100.0, 100.0);
         let objects = vec![DrawObjects { page: Arc::new(page), objects: std::iter::once(0..1).collect() }];
-        let piece = DrawPiece { cell, terrain, imagery: None, own: 0.5, skirt_m: 1.0, around };
+        let piece = DrawPiece { cell, terrain, imagery: None, own: 0.5, error_m: 0.0, skirt_m: 1.0, around };
         Selection { pieces: vec![piece], objects, ..Selection::default() }
     }
 
@@ -257,7 +271,7 @@ mod tests {
         let cell = CellId::containing(0.8, 0.3, 14);
         let place = cell.bounds().at(0.4, 0.6, 0.0);
         let selection = tower_on_risen_ground(cell, place);
-        let (mut lifts, cache) = (Lifts::default(), PickCache::default());
+        let (mut lifts, cache) = (crate::engine::Lifts::default(), PickCache::default());
         let ground = Ground::new(&selection.pieces);
         let (_, lifts_m) = lifts.update(&IndexForest::default(), &ground, &selection.objects[0]).unwrap();
         // No world has finer ground: of the parent's 60 m above the base, half is drawn.

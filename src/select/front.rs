@@ -117,6 +117,7 @@ pub fn draw(pieces: Vec<Piece>, skirts_m: &[f64], cells: &LiveTree) -> Vec<DrawP
                 terrain: cells.terrain(piece.terrain.cell)?.clone(),
                 imagery: piece.imagery,
                 own: piece.own as f32,
+                error_m: piece.error_m() as f32,
                 skirt_m: skirt_m as f32,
                 around: piece.around,
             })
@@ -142,7 +143,7 @@ impl<'a> Walk<'a, '_> {
         self.stats.cells_tested += 1;
         if !self.sight.sees(&around) {
             self.stats.cells_culled += 1;
-            if self.out_of_view == OutOfView::Coarse {
+            if self.out_of_view == OutOfView::Coarse && !self.sight.horizon.hides_box(&around) {
                 self.keep_coarse(&region, layers, around);
             }
             return;

@@ -83,6 +83,8 @@ pub struct DrawPiece {
     pub imagery: Option<CellId>,
     /// Morph weight: 0 draws the parent's surface, 1 the page's own.
     pub own: f32,
+    /// Bounds the distance between what is drawn and the truth, metres.
+    pub error_m: f32,
     /// Depth of the skirts: the largest errors drawn on both sides of the seam, metres.
     pub skirt_m: f32,
     /// Bounds the surface that is drawn, less its skirts.
@@ -154,7 +156,7 @@ pub fn select_raised(
     drawn_tolerance_px: f64,
 ) -> Selection {
     let drawn_px = drawn_tolerance_px.max(params.tolerance_px);
-    let sight = Sight::new(index, view, Tolerance { asked_px: params.tolerance_px, drawn_px });
+    let sight = Sight::new(index, view, Tolerance { asked_px: params.tolerance_px, drawn_px }, params.out_of_view);
     let mut stats = SelectStats::default();
     let mut demands = DemandList::default();
     demands.pin_roots(index);

@@ -1,5 +1,6 @@
 //! What one view sees: culling by frustum and horizon, distances, and shares of the screen.
 
+use super::OutOfView;
 use crate::camera::{Frustum, View};
 use crate::forest::index::IndexForest;
 use crate::geodesy::{Ecef, GeoBounds, HorizonCone, OrientedBox, Point};
@@ -10,6 +11,10 @@ use glam::{DVec2, DVec3};
 const QUAD_MAX_RAD: f64 = 0.1;
 /// Corners closer to the eye's plane than this are clipped, metres.
 const NEAR_M: f64 = 0.01;
+
+/// How far an eye may rise until the next selection: a share of its height and a few metres.
+const RISE_SHARE: f64 = 0.25;
+const RISE_M: f64 = 10.0;
 
 /// The tolerance asked for, and the one drawn where memory or time lack; the drawn one is not below the asked one.
 #[derive(Clone, Copy, Debug)]
@@ -28,7 +33,7 @@ pub struct Sight<'a> {
 }
 
 impl<'a> Sight<'a> {
-    pub fn new(index: &IndexForest, view: &'a View, tolerance: Tolerance) -> Self {
+    pub fn new(index: &IndexForest, view: &'a View, tolerance: Tolerance, out_of_view: OutOfView) -> Self {
         let lowest_m = index.trees().map(|tree| tree.root().height_range_m().0).fold(0.0, f64::min);
         let tan_y = (view.fov_y_rad / 2.0).tan();
         Self {
@@ -36,7 +41,7 @@ impl<'a> Sight<'a> {
             tolerance,
             eye: view.eye(),
             frustum: view.frustum(),
-            horizon: HorizonCone::new(view.eye(), -lowest_m),
+            horizon: HorizonCone::new(horizon_eye(view, out_of_view), -lowest_m),
             half_tan: DVec2::new(tan_y * view.aspect(), tan_y),
         }
     }
@@ -83,6 +88,16 @@ impl<'a> Sight<'a> {
             polygon.clip(|p| -p.z * self.half_tan.y + sign * p.y);
         }
         polygon.area(|p| DVec2::new(p.x, p.y) / (-p.z * self.half_tan)) / 4.0
+    }
+}
+
+/// The eye that the horizon is taken from: higher than the view's where later views are drawn from the selection, so
+/// that an eye that rises sees no edge.
+fn horizon_eye(view: &View, out_of_view: OutOfView) -> Point<Ecef> {
+    let eye = view.pose.eye;
+    match out_of_view {
+        OutOfView::Left => view.eye(),
+        OutOfView::Coarse => eye.at_height(eye.height_m + RISE_SHARE * eye.height_m.abs() + RISE_M).to_ecef(),
     }
 }
 
@@ -139,7 +154,7 @@ mod tests {
 
     fn share(view: &View, bounds: &GeoBounds) -> f64 {
         let index = IndexForest::default();
-        Sight::new(&index, view, Tolerance { asked_px: 1.0, drawn_px: 1.0 }).screen_share(bounds, 0.0)
+        Sight::new(&index, view, Tolerance { asked_px: 1.0, drawn_px: 1.0 }, OutOfView::Left).screen_share(bounds, 0.0)
     }
 
     fn looking_down(height_m: f64) -> View {

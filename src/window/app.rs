@@ -45,9 +45,14 @@ pub enum WindowError {
     Report(#[from] RecordError),
 }
 
-/// Something to look at: a new list, a saved picture.
+/// What other threads tell.
 #[derive(Clone, Copy, Debug)]
-struct News;
+enum News {
+    /// Something to look at: a new list, a saved picture.
+    Look,
+    /// Ctrl-C in the terminal, or the system wants the program to end.
+    Quit,
+}
 
 /// Wakes the event loop; once until it is seen.
 #[derive(Clone)]
@@ -60,7 +65,7 @@ impl Bell {
     fn ring(&self) {
         if !self.rung.swap(true, Ordering::AcqRel) {
             // An event loop that ended needs no news.
-            let _ = self.proxy.send_event(News);
+            let _ = self.proxy.send_event(News::Look);
         }
     }
 }
@@ -69,6 +74,11 @@ impl Bell {
 pub fn run(options: WindowOptions) -> Result<(), WindowError> {
     let events = EventLoop::<News>::with_user_event().build().map_err(WindowError::NoDisplay)?;
     let bell = Bell { proxy: events.create_proxy(), rung: Arc::default() };
+    let quit = events.create_proxy();
+    // Where no handler can be set, the signal ends the program as it does others.
+    let _ = ctrlc::set_handler(move || {
+        let _ = quit.send_event(News::Quit);
+    });
     let mut file = SettingsFile::of_user();
     let (settings, said) = file.as_mut().map(SettingsFile::load).unwrap_or_default();
     let mut app = App {
@@ -304,7 +314,10 @@ impl ApplicationHandler<News> for App {
         self.redraw();
     }
 
-    fn user_event(&mut self, _: &ActiveEventLoop, _: News) {
+    fn user_event(&mut self, system: &ActiveEventLoop, news: News) {
+        if let News::Quit = news {
+            return system.exit();
+        }
         self.bell.rung.store(false, Ordering::Release);
         self.redraw();
     }

@@ -222,10 +222,6 @@ impl SettingsFile {
         Self { path: path.into(), is_ours: true }
     }
 
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
     /// The settings, and what is to be said about them. A broken file is set aside under another name; a file that
     /// cannot be read or set aside is left, and nothing is saved in this run. Both give the defaults.
     pub fn load(&mut self) -> (Settings, Option<String>) {

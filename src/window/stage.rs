@@ -160,10 +160,6 @@ impl Stage {
         &self.window
     }
 
-    pub fn adapter_name(&mut self) -> String {
-        self.live.renderer().adapter_name().to_owned()
-    }
-
     pub fn is_lost(&self) -> bool {
         self.live.is_lost()
     }
@@ -310,10 +306,12 @@ impl Stage {
         let middle_px = view.size_px.map(|side| f64::from(side) / 2.0);
         let eye = view.pose.eye;
         let list = self.live.list();
+        let cursor = self.cursor_px.filter(|_| wants_places).and_then(place);
         let shown = Shown {
             now_s,
             view: *view,
-            cursor: self.cursor_px.filter(|_| wants_places).and_then(place),
+            cursor,
+            cursor_error_m: cursor.and_then(|cursor| around.ground_error_m(cursor.lat_rad, cursor.lon_rad)),
             middle: wants_places.then(|| place(middle_px)).flatten(),
             above_ground_m: around.ground_m(eye.lat_rad, eye.lon_rad).map(|ground_m| eye.height_m - ground_m),
             frame_times: &self.frame_times,

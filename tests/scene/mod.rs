@@ -107,7 +107,7 @@ pub fn imagery(cell: CellId, color: &dyn Fn(f64, f64) -> [u8; 3]) -> Page {
 
 pub fn piece(cell: CellId, terrain: &Arc<TerrainPage>, imagery: Option<CellId>) -> DrawPiece {
     let around = OrientedBox::around(&cell.bounds(), -12_000.0, 12_000.0);
-    DrawPiece { cell, terrain: Arc::clone(terrain), imagery, own: 1.0, skirt_m: 0.0, around }
+    DrawPiece { cell, terrain: Arc::clone(terrain), imagery, own: 1.0, error_m: 0.0, skirt_m: 0.0, around }
 }
 
 /// The 32 zones over the bare ellipsoid.

@@ -203,7 +203,7 @@ impl Live {
             self.take_uploads();
         });
         let Some(list) = &self.list else { return Ok(FrameReport::default()) };
-        let options = DrawOptions::default();
+        let options = DrawOptions { lowest_m: self.source.manifest.height_range_m.0, ..DrawOptions::default() };
         let drawn = timed(&mut timings.render_ms, || self.renderer.draw(view, &list.selection, &options))?;
         timings.frame_ms = started.elapsed().as_secs_f64() * 1000.0;
         let mut report = list.report.clone();

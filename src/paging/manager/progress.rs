@@ -52,10 +52,10 @@ impl LayerCounts {
     /// Over all layers.
     pub fn total(&self) -> PageCounts {
         self.layers().into_iter().fold(PageCounts::default(), |sum, (_, layer)| PageCounts {
-            resident: sum.resident + layer.resident,
-            requested: sum.requested + layer.requested,
-            failed: sum.failed + layer.failed,
-            missing: sum.missing + layer.missing,
+            resident: sum.resident.saturating_add(layer.resident),
+            requested: sum.requested.saturating_add(layer.requested),
+            failed: sum.failed.saturating_add(layer.failed),
+            missing: sum.missing.saturating_add(layer.missing),
         })
     }
 }

@@ -16,7 +16,7 @@ fn page(cell: CellId, height_m: f32) -> Arc<TerrainPage> {
 
 fn piece(cell: CellId, terrain: CellId, imagery: Option<CellId>) -> DrawPiece {
     let around = OrientedBox::around(&cell.bounds(), -10.0, 10.0);
-    DrawPiece { cell, terrain: page(terrain, 0.0), imagery, own: 1.0, skirt_m: 0.0, around }
+    DrawPiece { cell, terrain: page(terrain, 0.0), imagery, own: 1.0, error_m: 0.0, skirt_m: 0.0, around }
 }
 
 fn own_pieces(level: u8) -> Vec<DrawPiece> {
@@ -165,12 +165,12 @@ fn states_are_the_worst_of_what_lacks_below() {
     let coarse = piece(child, child, Some(root));
     for (drawn, lacking, state) in [
         (&own, vec![], PieceState::Own),
-        (&own, vec![(other, Lack::Failed), (root, Lack::Failed)], PieceState::Own),
-        (&own, vec![(grandchild, Lack::Requested)], PieceState::Requested),
-        (&own, vec![(child, Lack::Requested), (grandchild, Lack::Failed)], PieceState::Failed),
-        (&own, vec![(grandchild, Lack::Absent)], PieceState::StandIn),
+        (&own, vec![(other, PageState::Failed), (root, PageState::Failed)], PieceState::Own),
+        (&own, vec![(grandchild, PageState::Requested)], PieceState::Requested),
+        (&own, vec![(child, PageState::Requested), (grandchild, PageState::Failed)], PieceState::Failed),
+        (&own, vec![(grandchild, PageState::Absent)], PieceState::StandIn),
         (&coarse, vec![], PieceState::StandIn),
-        (&coarse, vec![(child, Lack::Requested)], PieceState::Requested),
+        (&coarse, vec![(child, PageState::Requested)], PieceState::Requested),
     ] {
         let mut lacking = lacking;
         lacking.sort_unstable();

@@ -68,6 +68,8 @@ pub struct Shown<'a> {
     pub view: View,
     /// The place drawn under the cursor; `None` for the sky or no cursor.
     pub cursor: Option<Geodetic>,
+    /// Bounds the drawn ground's distance from the truth there, metres.
+    pub cursor_error_m: Option<f64>,
     /// The place drawn in the middle of the picture; `None` for the sky.
     pub middle: Option<Geodetic>,
     pub above_ground_m: Option<f64>,

@@ -50,6 +50,9 @@ fn texts(ui: &mut Ui, shown: &Shown<'_>) {
     if let Some(place) = shown.cursor {
         look::append(&mut job, &words::place(place), look::mono(), look::TEXT);
         look::append(&mut job, &format!("  {}", words::metres(place.height_m)), look::mono(), look::TEXT);
+        if let Some(error_m) = shown.cursor_error_m {
+            look::append(&mut job, &format!(" ± {}", words::metres(error_m)), look::mono(), look::WEAK);
+        }
     } else {
         look::append(&mut job, "no ground under the cursor", look::body(), look::WEAK);
     }

@@ -1,7 +1,9 @@
+use super::shown::FOOTPRINT_MAX;
 use super::*;
 use crate::camera::{Pose, View};
-use crate::engine::FrameReport;
+use crate::engine::{FrameReport, Lack};
 use crate::geodesy::Geodetic;
+use crate::paging::{LayerCounts, PageCounts};
 use crate::units::ByteSize;
 use egui::{Event, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, pos2, vec2};
 
@@ -27,7 +29,15 @@ impl World {
         messages.say(MessageKind::Failed, "cannot read packs/12.pack: it ends early; prepare the world again", 0.0);
         Self {
             times,
-            report: FrameReport { triangles: 123_456, draw_calls: 210, debt_px: 0.12, ..FrameReport::default() },
+            report: FrameReport {
+                triangles: 123_456,
+                draw_calls: 210,
+                debt_px: 0.12,
+                tolerance_drawn_px: 1.84,
+                lack: Lack::Time,
+                footprint_bytes: 212 << 20,
+                ..FrameReport::default()
+            },
             messages,
             credits: ["Natural Earth II", "GEBCO 2024", "", "GEBCO 2024", "City of Helsinki, CC BY 4.0"]
                 .map(str::to_owned)
@@ -39,22 +49,20 @@ impl World {
     fn shown(&self, size_px: [u32; 2]) -> Shown<'_> {
         let place = Geodetic::from_degrees(60.1699, 24.9384, 12.0);
         let pose = Pose { eye: place.at_height(1200.0), heading_rad: 0.6, pitch_rad: -1.2 };
-        let pages = |resident, missing| LayerPages { resident, requested: missing, failed: 1, missing };
+        let pages = |resident, missing| PageCounts { resident, requested: missing, failed: 1, missing };
         Shown {
             now_s: 1.0,
             view: View::new(pose, 1.0, size_px),
             cursor: Some(place),
+            cursor_error_m: Some(0.5),
             middle: Some(place),
             above_ground_m: Some(1188.0),
             frame_times: &self.times,
             report: &self.report,
             gpu_ms: Some(3.1),
             asked: Quality::default(),
-            tolerance_drawn_px: 1.84,
-            raised_by: Some(RaisedBy::Time),
-            footprint_used: ByteSize(212 << 20),
             footprint_least: ByteSize(48 << 20),
-            pages: PageCounts { terrain: pages(120, 4), imagery: pages(131, 8), objects: pages(8, 0) },
+            pages: LayerCounts { terrain: pages(120, 4), imagery: pages(131, 8), objects: pages(8, 0) },
             awaited_s: Some(1.84),
             bytes_read: 124 << 20,
             world: "default",
@@ -407,8 +415,16 @@ fn no_value_makes_the_panels_fail() {
     world.credits = vec!["x".repeat(10_000); 500];
     world.bookmarks = vec!["b".repeat(5000); 100];
     for wild in [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, 0.0, -1.0, 1e300, 1e-300] {
-        world.report =
-            FrameReport { triangles: u64::MAX, draw_calls: u32::MAX, debt_px: wild, ..FrameReport::default() };
+        let size = if wild > 0.0 { ByteSize(u64::MAX) } else { ByteSize(0) };
+        world.report = FrameReport {
+            triangles: u64::MAX,
+            draw_calls: u32::MAX,
+            debt_px: wild,
+            tolerance_drawn_px: wild,
+            lack: Lack::Memory,
+            footprint_bytes: size.0,
+            ..FrameReport::default()
+        };
         world.times.push(wild);
         for (size_px, scale) in [([1, 1], 1.0), ([640, 360], 1.0), ([16_384, 16_384], 0.5)] {
             let mut shown = world.shown(size_px);
@@ -416,12 +432,11 @@ fn no_value_makes_the_panels_fail() {
             let pose = Pose { eye: place, heading_rad: wild, pitch_rad: wild };
             shown.view = View::new(pose, wild, size_px);
             (shown.cursor, shown.middle, shown.above_ground_m) = (Some(place), Some(place), Some(wild));
-            (shown.gpu_ms, shown.awaited_s, shown.tolerance_drawn_px) = (Some(wild), Some(wild), wild);
-            let size = if wild > 0.0 { ByteSize(u64::MAX) } else { ByteSize(0) };
+            (shown.gpu_ms, shown.awaited_s, shown.cursor_error_m) = (Some(wild), Some(wild), Some(wild));
             shown.asked = Quality { tolerance_px: wild, footprint: size, frame_ms: Some(wild) };
-            (shown.footprint_used, shown.footprint_least, shown.bytes_read) = (size, size, size.0);
-            let pages = LayerPages { resident: size.0, requested: size.0, failed: size.0, missing: size.0 };
-            shown.pages = PageCounts { terrain: pages, imagery: pages, objects: pages };
+            (shown.footprint_least, shown.bytes_read) = (size, size.0);
+            let pages = PageCounts { resident: size.0, requested: size.0, failed: size.0, missing: size.0 };
+            shown.pages = LayerCounts { terrain: pages, imagery: pages, objects: pages };
             shown.playback = Playback::Replaying { at_s: wild, of_s: wild };
             for side in [Side::Settings, Side::Help] {
                 let mut window = Window::new(size_px, scale, all_open(side));
