@@ -32,7 +32,7 @@ impl Engine {
         let mut renderer = Renderer::new(scene.residency.gpu_limits())?;
         scene.load_pinned(&mut renderer);
         if params.mode == Mode::Live {
-            scene.time = params.frame_ms.map(TimeBudget::new);
+            scene.set_time(params.frame_ms.map(TimeBudget::new));
         }
         Ok(Self {
             scene,
@@ -75,9 +75,7 @@ impl Engine {
         let options = DrawOptions { aov: request.ids, ..DrawOptions::default() };
         let drawn = timed(&mut timings.render_ms, || self.draw(&request.view, &chosen.selection, &options))?;
         timings.frame_ms = started.elapsed().as_secs_f64() * 1000.0;
-        if let Some(time) = &mut self.scene.time {
-            time.model.learn(Load::of(&chosen.selection), timings.frame_ms);
-        }
+        self.scene.learn(Load::of(&chosen.selection), timings.frame_ms);
         let mut report = self.scene.report(&chosen, request.t_s, &self.renderer);
         let totals = self.scene.totals();
         report.count(&std::mem::replace(&mut self.counted, totals), &totals);

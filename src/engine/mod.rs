@@ -31,7 +31,7 @@ pub use footprint::{
 pub use frame::Engine;
 pub use ground::GroundProbe;
 pub use lift::{KnownLifts, LiftCopies, Lifts};
-pub use live::{DisplayList, Live, Notify};
+pub use live::{DisplayList, Live, Notify, Pace};
 pub use params::{EngineError, EngineParams, FrameRequest, Mode};
 pub use pick_mesh::{PICK_MESH_BYTES_MAX, PickWork};
 pub use reader::Source;

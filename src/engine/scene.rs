@@ -1,6 +1,6 @@
 //! The part of a frame that needs no GPU: completions, selection, requests, lifts.
 
-use super::cost::TimeBudget;
+use super::cost::{Load, TimeBudget};
 use super::footprint::Partition;
 use super::levels::DrawnLevels;
 use super::lift::Ground;
@@ -23,7 +23,9 @@ pub struct Scene {
     out_of_view: OutOfView,
     tolerance: DrawnTolerance,
     /// Holds the frame time, where one is asked for.
-    pub time: Option<TimeBudget>,
+    time: Option<TimeBudget>,
+    /// The tolerance's factor when the eye last came to rest.
+    moving_factor: f64,
     levels: DrawnLevels,
     level_switches: u64,
     /// What settling has waited beyond the flight's clock, seconds.
@@ -61,10 +63,36 @@ impl Scene {
             out_of_view,
             tolerance: DrawnTolerance::default(),
             time: None,
+            moving_factor: 1.0,
             levels: DrawnLevels::default(),
             level_switches: 0,
             waited_s: 0.0,
         })
+    }
+
+    /// The frame time to hold from now on. Without one, a tolerance that was raised for it comes back at once: an eye at
+    /// rest waits for a picture once. When the eye moves on, so does the tolerance where it was.
+    pub fn set_time(&mut self, time: Option<TimeBudget>) {
+        match (&self.time, &time) {
+            (Some(_), None) => {
+                self.moving_factor = if self.tolerance.lack() == Lack::Time { self.tolerance.factor() } else { 1.0 };
+                if self.tolerance.lack() == Lack::Time {
+                    self.tolerance = DrawnTolerance::default();
+                }
+            }
+            (None, Some(_)) if self.moving_factor > self.tolerance.factor() => {
+                self.tolerance = DrawnTolerance::slowed(self.moving_factor);
+            }
+            _ => {}
+        }
+        self.time = time;
+    }
+
+    /// Learns what a frame took in all, milliseconds.
+    pub fn learn(&mut self, load: Load, took_ms: f64) {
+        if let Some(time) = &mut self.time {
+            time.model.learn(load, took_ms);
+        }
     }
 
     /// Loads the coarsest pages of all zones.

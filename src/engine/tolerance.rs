@@ -45,6 +45,11 @@ impl Default for DrawnTolerance {
 }
 
 impl DrawnTolerance {
+    /// Raised for want of time, as it was before.
+    pub fn slowed(factor: f64) -> Self {
+        Self { factor, moving: false, lack: if factor > 1.0 { Lack::Time } else { Lack::Nothing } }
+    }
+
     pub fn factor(&self) -> f64 {
         self.factor
     }

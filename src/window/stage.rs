@@ -7,7 +7,7 @@ use super::recorder::{Recorder, Replay};
 use super::saver::Saver;
 use super::{WindowError, WindowOptions};
 use crate::camera::{Destination, FlightPath, NavInput, Navigator, Pose, Surroundings, View};
-use crate::engine::{EngineError, EngineParams, FrameReport, Live, Notify, PickCache};
+use crate::engine::{EngineError, EngineParams, FrameReport, Lack, Live, Notify, Pace, PickCache};
 use crate::geodesy::Geodetic;
 use crate::render::{Overlay, Presented, Renderer, Skip};
 use crate::units::ByteSize;
@@ -22,6 +22,8 @@ const FOV_Y_RAD: f64 = std::f64::consts::FRAC_PI_3;
 /// From where a place that was typed is looked at, metres, and how steeply.
 const TYPED_DISTANCE_M: f64 = 1500.0;
 const TYPED_PITCH_RAD: f64 = -std::f64::consts::FRAC_PI_4;
+/// An eye that has been still for this long rests.
+const REST_S: f64 = 0.25;
 /// After a frame that was skipped the next one is tried this much later.
 const SKIPPED_WAIT: Duration = Duration::from_millis(100);
 
@@ -81,6 +83,8 @@ pub struct Stage {
     started: Instant,
     /// End of the last frame, where the next one followed without a pause.
     last_end: Option<Instant>,
+    /// The last view, and since when it is the same.
+    seen: Option<(View, f64)>,
     occluded: bool,
     names: Vec<String>,
     bookmarks: Vec<Bookmark>,
@@ -129,6 +133,7 @@ impl Stage {
             bytes_read: 0,
             started: Instant::now(),
             last_end: None,
+            seen: None,
             occluded: false,
             names: options.bookmarks.iter().map(|bookmark| bookmark.name.clone()).collect(),
             bookmarks: options.bookmarks.clone(),
@@ -259,7 +264,8 @@ impl Stage {
         }
         let (begun, now_s) = (Instant::now(), self.now_s());
         let view = self.step(now_s, size_px);
-        let mut report = self.live.frame(&view, now_s)?;
+        let pace = self.pace(&view, now_s);
+        let mut report = self.live.frame(&view, now_s, pace)?;
         self.bytes_read += report.bytes_read;
         let (mut actions, repaint) = self.lay_out(&view, now_s);
         actions.retain(|&action| !self.do_action(action));
@@ -267,11 +273,20 @@ impl Stage {
         let drawn_ms = begun.elapsed().as_secs_f64() * 1000.0;
         let presented = self.live.renderer().present(&mut self.overlay)?;
         self.ask_for_picture()?;
-        self.time(&mut report, begun, drawn_ms);
+        self.time(&mut report, pace, begun, drawn_ms);
+        self.report = report.clone();
         let next = self.next(presented, repaint, now_s);
         self.last_end = (next == Next::Now).then(Instant::now);
-        self.report = report.clone();
         Ok(Some(Frame { report, shown: presented == Presented::Shown, next, actions }))
+    }
+
+    /// Whether the view has been the same for a while.
+    fn pace(&mut self, view: &View, now_s: f64) -> Pace {
+        if self.seen.is_none_or(|(seen, _)| seen != *view) {
+            self.seen = Some((*view, now_s));
+        }
+        let rested_s = self.seen.map_or(0.0, |(_, since_s)| now_s - since_s);
+        if rested_s >= REST_S { Pace::Resting } else { Pace::Moving }
     }
 
     /// Moves the eye, or the replay, and records it.
@@ -384,13 +399,15 @@ impl Stage {
     }
 
     /// Writes the frame's times down: its own, or from the end of the one before where they follow without a pause.
-    fn time(&mut self, report: &mut FrameReport, begun: Instant, drawn_ms: f64) {
-        let since = self.last_end.unwrap_or(begun);
-        report.timings.frame_ms = since.elapsed().as_secs_f64() * 1000.0;
+    fn time(&mut self, report: &mut FrameReport, pace: Pace, begun: Instant, drawn_ms: f64) {
+        report.timings.frame_ms = self.last_end.unwrap_or(begun).elapsed().as_secs_f64() * 1000.0;
         self.frame_times.push(report.timings.frame_ms);
         let gpu_ms = self.live.gpu_ms();
-        // What waits for the display is no cost; where the GPU's time cannot be told it is in the frame's.
-        self.live.learn(gpu_ms.map_or(report.timings.frame_ms, |gpu_ms| drawn_ms + gpu_ms));
+        // The GPU's time is of a frame or two before: only where frames follow one another is it of one like this.
+        if self.last_end.is_some() && pace == Pace::Moving {
+            // What waits for the display is no cost; where the GPU's time cannot be told it is in the frame's.
+            self.live.learn(gpu_ms.map_or(report.timings.frame_ms, |gpu_ms| drawn_ms + gpu_ms));
+        }
     }
 
     fn next(&mut self, presented: Presented, repaint: Duration, now_s: f64) -> Next {
@@ -406,7 +423,9 @@ impl Stage {
         let fades = self.messages.changes_in_s(now_s).map_or(Duration::MAX, Duration::from_secs_f64);
         // While pages are awaited the time shown with them runs on.
         let waits = self.live.list().and_then(|list| list.awaited_s).map_or(Duration::MAX, |_| SKIPPED_WAIT);
-        let wait = repaint.min(fades).min(waits);
+        // A picture that was held back for time comes once the eye has rested.
+        let rests = if self.report.lack == Lack::Time { Duration::from_secs_f64(REST_S) } else { Duration::MAX };
+        let wait = repaint.min(fades).min(waits).min(rests);
         Instant::now().checked_add(wait).filter(|_| wait < Duration::MAX).map_or(Next::Never, Next::At)
     }
 

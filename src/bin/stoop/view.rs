@@ -62,6 +62,10 @@ fn frame_ms(text: &str) -> Result<FrameMs, String> {
 }
 
 pub fn run(arguments: Arguments, started: Instant) -> anyhow::Result<ExitCode> {
+    // A session must not end without its report for want of a folder.
+    if let Some(folder) = arguments.report.as_deref().and_then(Path::parent).filter(|folder| *folder != Path::new("")) {
+        cli::make_folder(folder)?;
+    }
     let folder = match &arguments.worlds[..] {
         [] => default_world()?,
         [folder] => folder.clone(),

@@ -38,6 +38,15 @@ const PAD_SHARE_MAX: f64 = 0.25;
 /// A list is drawn up to so many frames after it was ordered.
 const PAD_FRAMES: f64 = 2.5;
 
+/// Whether frames follow one another.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Pace {
+    /// The frame time is held, where one is asked for.
+    Moving,
+    /// The picture will stay: it may take its time.
+    Resting,
+}
+
 /// Called when a new list is there; from the scene thread.
 pub type Notify = Box<dyn Fn() + Send>;
 
@@ -76,7 +85,7 @@ pub struct Live {
     counted: Totals,
     frames: u64,
     last_view: Option<View>,
-    ordered: Option<(View, EngineParams)>,
+    ordered: Option<(View, EngineParams, Pace)>,
     /// What is drawn before the first list.
     nothing: Selection,
 }
@@ -194,9 +203,9 @@ impl Live {
     }
 
     /// Draws a view from the newest list and orders the next one; `t_s` must not fall. Waits for nothing.
-    pub fn frame(&mut self, view: &View, t_s: f64) -> Result<FrameReport, EngineError> {
+    pub fn frame(&mut self, view: &View, t_s: f64, pace: Pace) -> Result<FrameReport, EngineError> {
         let started = Instant::now();
-        self.order(view, t_s);
+        self.order(view, t_s, pace);
         let mut timings = FrameTimings::default();
         timed(&mut timings.upload_ms, || {
             self.take_list();
@@ -232,12 +241,12 @@ impl Live {
     }
 
     /// Asks for a list of this view, unless the last one asked for is the same.
-    fn order(&mut self, view: &View, t_s: f64) {
+    fn order(&mut self, view: &View, t_s: f64, pace: Pace) {
         let pad_px = self.last_view.map_or(0, |last| pad_px(&last, view));
         self.last_view = Some(*view);
-        let time = self.params.frame_ms.map(|_| self.time);
+        let time = self.params.frame_ms.filter(|_| pace == Pace::Moving).map(|_| self.time);
         let order = Order { view: view.padded(pad_px), t_s, params: self.params, time };
-        let asked = (order.view, order.params);
+        let asked = (order.view, order.params, pace);
         if self.ordered.replace(asked).is_some_and(|before| before == asked) {
             return;
         }

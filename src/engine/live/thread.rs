@@ -60,7 +60,7 @@ impl SceneThread {
             self.tell(error.to_string());
         }
         self.order = *order;
-        self.scene.time = self.order.time;
+        self.scene.set_time(self.order.time);
         true
     }
 

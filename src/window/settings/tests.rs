@@ -8,8 +8,8 @@ fn folder() -> (tempfile::TempDir, SettingsFile) {
 
 fn written(text: &str) -> (tempfile::TempDir, SettingsFile) {
     let (folder, file) = folder();
-    std::fs::create_dir_all(file.path().parent().unwrap()).unwrap();
-    std::fs::write(file.path(), text).unwrap();
+    std::fs::create_dir_all(file.path.parent().unwrap()).unwrap();
+    std::fs::write(&file.path, text).unwrap();
     (folder, file)
 }
 
@@ -37,7 +37,7 @@ fn what_is_saved_comes_back() {
     assert!((found.heading_rad - expected.heading_rad).abs() < 1e-12);
     assert_eq!(loaded.last_view("dive", "other"), None);
     // Nothing but the file lies there.
-    assert_eq!(std::fs::read_dir(file.path().parent().unwrap()).unwrap().count(), 1);
+    assert_eq!(std::fs::read_dir(file.path.parent().unwrap()).unwrap().count(), 1);
 }
 
 #[test]
@@ -51,7 +51,7 @@ fn missing_keys_have_defaults_and_unknown_ones_stay() {
     assert_eq!(settings.window.width_px, 900.0);
     assert_eq!(settings.window.height_px, WindowSettings::default().height_px);
     file.save(&settings).unwrap();
-    let table: toml::Table = std::fs::read_to_string(file.path()).unwrap().parse().unwrap();
+    let table: toml::Table = std::fs::read_to_string(&file.path).unwrap().parse().unwrap();
     assert_eq!(table["novelty"].as_integer(), Some(7));
     assert_eq!(table["later"]["a"][1].as_integer(), Some(2));
     assert_eq!(table["quality"]["sharpness"].as_str(), Some("high"));
@@ -66,10 +66,10 @@ fn a_broken_file_is_set_aside_and_not_lost() {
         assert_eq!(settings, Settings::default());
         let said = said.unwrap();
         assert!(said.contains(&format!("settings.toml.broken-{attempt}")) && said.contains("line "), "{said}");
-        assert!(!file.path().exists());
-        std::fs::write(file.path(), "[quality]\nframe_ms = \"never\"\n").unwrap();
+        assert!(!file.path.exists());
+        std::fs::write(&file.path, "[quality]\nframe_ms = \"never\"\n").unwrap();
     }
-    let first = file.path().with_file_name("settings.toml.broken-1");
+    let first = file.path.with_file_name("settings.toml.broken-1");
     assert_eq!(std::fs::read_to_string(first).unwrap(), "[quality]\ntolerance_px = [\n");
     let (_, said) = file.load();
     assert!(said.unwrap().contains("off"));
@@ -81,7 +81,7 @@ fn a_broken_file_is_set_aside_and_not_lost() {
 fn bytes_that_are_no_text_are_broken_too() {
     let (_folder, mut file) = written("");
     for bytes in [vec![0xff, 0xfe, 0x00], vec![b'#'; FILE_BYTES_MAX as usize + 1]] {
-        std::fs::write(file.path(), bytes).unwrap();
+        std::fs::write(&file.path, bytes).unwrap();
         assert!(file.load().1.unwrap().contains("broken"));
     }
 }
@@ -90,12 +90,12 @@ fn bytes_that_are_no_text_are_broken_too() {
 fn what_cannot_be_read_is_not_replaced() {
     let (_folder, mut file) = folder();
     // A folder in the file's place.
-    std::fs::create_dir_all(file.path()).unwrap();
+    std::fs::create_dir_all(&file.path).unwrap();
     let (settings, said) = file.load();
     assert_eq!(settings, Settings::default());
     assert!(said.unwrap().contains("cannot read"));
     file.save(&settings).unwrap();
-    assert!(file.path().is_dir());
+    assert!(file.path.is_dir());
 }
 
 #[test]
