@@ -12,9 +12,9 @@ use crate::forest::CellId;
 use crate::geodesy::{Geodetic, HorizonCone};
 use crate::paging::PageState;
 use crate::select::DrawPiece;
-use egui::{Align2, Color32, Context, FontFamily, FontId, Id, LayerId, Order, Painter, Shape, Stroke, vec2};
+use egui::{Align2, Color32, Context, FontFamily, FontId, Id, LayerId, Order, Painter, Rect, Shape, Stroke, vec2};
 use serde::{Deserialize, Serialize};
-use std::f64::consts::{FRAC_PI_2, FRAC_PI_4, PI};
+use std::f64::consts::{FRAC_PI_4, PI};
 use trace::{Edge, Tracer};
 
 /// Cells whose borders are drawn at most; the nearest first.
@@ -160,31 +160,35 @@ impl<'a> Scene<'a> {
             }
             painter.extend(tracer.take_lines().into_iter().map(|line| Shape::line(line, stroke)));
         }
-        let mut labels = 0;
+        let mut taken: Vec<Rect> = Vec::new();
         for piece in seen.iter().filter(|_| overlays.cells) {
-            if labels == LABELS_MAX {
+            if taken.len() == LABELS_MAX {
                 break;
             }
-            labels += usize::from(self.label(piece, color(piece), painter));
+            taken.extend(self.label(piece, color(piece), &taken, painter));
         }
     }
 
-    /// Whether the cell is large enough for its label and in the picture.
-    fn label(&self, piece: &DrawPiece, color: Color32, painter: &Painter) -> bool {
+    /// Writes the cell's label where the cell is large enough, in the picture, and the place is not taken; returns
+    /// what it takes.
+    fn label(&self, piece: &DrawPiece, color: Color32, taken: &[Rect], painter: &Painter) -> Option<Rect> {
         let view = self.drawn.view;
         let middle = piece.cell.bounds().center();
         let place = middle.at_height(surface_m(piece, middle)).to_ecef();
         let size_px = view.projected_px(piece.around.half_m.length(), place.distance_m(view.eye()));
-        let Some(at) = trace::on_screen(view, place, self.pixels_per_point) else { return false };
+        let at = trace::on_screen(view, place, self.pixels_per_point)?;
         if size_px < LABEL_MIN_PX || self.horizon.hides(place) || !painter.clip_rect().contains(at) {
-            return false;
+            return None;
         }
         let font = FontId::new(10.5, FontFamily::Monospace);
         let galley = painter.layout_no_wrap(label(piece), font, color);
-        let rect = Align2::CENTER_CENTER.anchor_size(at, galley.size());
-        painter.rect_filled(rect.expand2(vec2(2.0, 0.0)), 2.0, Color32::from_black_alpha(130));
-        painter.galley(rect.min, galley, color);
-        true
+        let rect = Align2::CENTER_CENTER.anchor_size(at, galley.size()).expand2(vec2(2.0, 0.0));
+        if taken.iter().any(|other| other.intersects(rect)) {
+            return None;
+        }
+        painter.rect_filled(rect, 2.0, Color32::from_black_alpha(130));
+        painter.galley(rect.min + vec2(2.0, 0.0), galley, color);
+        Some(rect)
     }
 
     fn zones(&self, tracer: &mut Tracer<'_>, painter: &Painter) {
@@ -262,7 +266,6 @@ fn zone_edges<'h>(height_m: &'h dyn Fn(f64, f64) -> f64) -> impl Iterator<Item =
     let edge = move |from, to| Edge { from, to, height_m: Some(height_m) };
     let meridians = (0..8).flat_map(move |column| (-2..2).map(move |row| edge(at(row, column), at(row + 1, column))));
     let parallels = (-1..2).flat_map(move |row| (0..8).map(move |column| edge(at(row, column), at(row, column + 1))));
-    debug_assert!(at(2, 0).lat_rad <= FRAC_PI_2);
     meridians.chain(parallels)
 }
 

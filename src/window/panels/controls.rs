@@ -21,7 +21,7 @@ pub const CONTROLS: &[(&str, &str)] = &[
     ("O, F2", "settings"),
     ("I", "status line"),
     ("Z  C  X", "borders of zones, of cells, state of pages"),
-    (",  .", "finer, coarser picture"),
+    ("Comma, Point", "finer, coarser picture"),
     ("P", "screenshot"),
     ("Shift-P", "record a path, end the recording"),
     ("L", "replay the last recording"),

@@ -7,8 +7,8 @@ use egui::{Align2, Color32, Pos2, Rect, Sense, Ui, pos2, vec2};
 /// Frames of 60 and of 30 in a second, milliseconds.
 const LINES_MS: [f32; 2] = [16.7, 33.3];
 /// What the curve's height stands for; longer frames are cut at its top.
-const TOP_MS: f32 = 60.0;
-const HEIGHT: f32 = 36.0;
+const TOP_MS: f32 = 50.0;
+const HEIGHT: f32 = 44.0;
 /// Between frames, points.
 const STEP: f32 = 1.5;
 

@@ -8,6 +8,10 @@ use egui::text::{CCursor, CCursorRange};
 use egui::{Align2, Context, Event, Key, Label, RichText, TextEdit, Ui, pos2};
 
 const WIDTH: f32 = 250.0;
+/// The line of credits stays free.
+const CREDITS_HEIGHT: f32 = 16.0;
+/// Height above the status line up to the box's upper edge, points.
+pub(super) const TAKEN: f32 = 64.0;
 
 /// An open box.
 #[derive(Clone, Debug, Default)]
@@ -39,7 +43,7 @@ impl FlyTo {
             return Outcome::Closed;
         }
         let screen = ctx.content_rect();
-        let at = pos2(screen.center().x, screen.bottom() - BAR_HEIGHT - MARGIN);
+        let at = pos2(screen.center().x, screen.bottom() - BAR_HEIGHT - CREDITS_HEIGHT);
         let (entered, flown) = look::panel(ctx, "fly to", Align2::CENTER_BOTTOM, at, |ui| {
             ui.set_width(WIDTH.min(screen.width() - 4.0 * MARGIN));
             let entered = self.field(ui);

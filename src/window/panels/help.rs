@@ -29,14 +29,14 @@ pub(super) fn show(ctx: &Context, shown: &Shown<'_>) {
 }
 
 fn controls(ui: &mut Ui) {
-    egui::Grid::new("stoop controls").num_columns(2).spacing([8.0, 2.0]).show(ui, |ui| {
+    ui.spacing_mut().interact_size.y = 0.0;
+    egui::Grid::new("stoop controls").num_columns(2).min_col_width(KEYS_WIDTH).spacing([8.0, 1.5]).show(ui, |ui| {
         for (keys, what) in CONTROLS {
-            let mut job = LayoutJob::default();
-            look::append(&mut job, keys, look::small(), look::ACCENT);
-            ui.add_sized([KEYS_WIDTH, 0.0], Label::new(job).wrap().selectable(false).halign(egui::Align::LEFT));
-            let mut job = LayoutJob::default();
-            look::append(&mut job, what, look::small(), look::TEXT);
-            ui.add(Label::new(job).wrap().selectable(false));
+            for (text, color) in [(keys, look::ACCENT), (what, look::TEXT)] {
+                let mut job = LayoutJob::default();
+                look::append(&mut job, text, look::small(), color);
+                ui.add(Label::new(job).wrap().selectable(false));
+            }
             ui.end_row();
         }
     });

@@ -36,7 +36,7 @@ pub(super) fn show(ctx: &Context, shown: &Shown<'_>, is_brief: &mut bool) {
 fn header(ui: &mut Ui, shown: &Shown<'_>, is_brief: &mut bool) {
     let fps = shown.frame_times.fps().map_or_else(|| words::UNKNOWN.to_owned(), |fps| format!("{fps:.0}"));
     let mut job = LayoutJob::default();
-    look::append(&mut job, if *is_brief { "⏵ " } else { "⏷ " }, look::body(), look::WEAK);
+    look::append(&mut job, if *is_brief { "▶ " } else { "▼ " }, look::mono(), look::WEAK);
     look::append(&mut job, &format!("{fps} fps"), look::body(), look::TEXT);
     let median = shown.frame_times.percentile_ms(0.5).map_or_else(String::new, words::millis);
     look::append(&mut job, &format!("   {median}   {}", shown.world), look::body(), look::WEAK);

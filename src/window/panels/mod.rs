@@ -88,7 +88,7 @@ impl Panels {
         let mut actions = Vec::new();
         keys::answer(ctx, shown, self, &mut actions);
         if self.open.status {
-            status::show(ctx, shown, &mut actions);
+            status::show(ctx, shown, !self.open.hud, &mut actions);
         }
         notes::show_credits(ctx, shown, self.open.status);
         if self.open.hud {
@@ -99,7 +99,7 @@ impl Panels {
             Some(Side::Help) => help::show(ctx, shown),
             None => {}
         }
-        notes::show_messages(ctx, shown, self.open.status);
+        notes::show_messages(ctx, shown, self.lowest_note());
         if let Some(fly_to) = &mut self.fly_to
             && fly_to.show(ctx, shown, &mut actions) == Outcome::Closed
         {
@@ -120,6 +120,12 @@ impl Panels {
     /// Whether the box that asks for a place is open.
     pub fn asks_for_place(&self) -> bool {
         self.fly_to.is_some()
+    }
+
+    /// Height that is taken at the lower edge, points: messages stand above it.
+    fn lowest_note(&self) -> f32 {
+        let status = if self.open.status { look::BAR_HEIGHT } else { 0.0 };
+        if self.fly_to.is_some() { look::BAR_HEIGHT + fly_to::TAKEN } else { status }
     }
 
     fn toggle_side(&mut self, side: Side) {

@@ -34,11 +34,11 @@ pub(super) fn show_credits(ctx: &Context, shown: &Shown<'_>, has_status: bool) {
     painter.galley(rect.min + vec2(4.0, 1.0), galley, look::TEXT);
 }
 
-/// Stacked at the bottom left, the newest lowest.
-pub(super) fn show_messages(ctx: &Context, shown: &Shown<'_>, has_status: bool) {
+/// Stacked at the bottom left, the newest lowest, above what is taken of the lower edge.
+pub(super) fn show_messages(ctx: &Context, shown: &Shown<'_>, taken: f32) {
     let screen = ctx.content_rect();
     let width = (screen.width() * WIDTH_SHARE).min(420.0);
-    let mut bottom = screen.bottom() - MARGIN - if has_status { BAR_HEIGHT } else { 0.0 };
+    let mut bottom = screen.bottom() - MARGIN - taken;
     let messages: Vec<_> = shown.messages.shown(shown.now_s).collect();
     for message in messages.into_iter().rev() {
         let strength = message.strength(shown.now_s);

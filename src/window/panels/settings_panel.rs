@@ -79,7 +79,7 @@ fn mebibytes_of(text: &str) -> Option<f64> {
 fn frame_ms(ui: &mut Ui, quality: &mut Quality, actions: &mut Vec<Action>) -> bool {
     let mut is_on = quality.frame_ms.is_some();
     let mut frame_ms = quality.frame_ms.or(Quality::default().frame_ms).unwrap_or(FRAME_MS[1]);
-    let switched = ui.checkbox(&mut is_on, "Coarser where frames take longer than").changed();
+    let switched = ui.checkbox(&mut is_on, "Coarser where frames take over").changed();
     let [low, high] = FRAME_MS;
     let slider = Slider::new(&mut frame_ms, low..=high).logarithmic(true).max_decimals(0).suffix(" ms");
     let response = ui.add_enabled(is_on, slider.handle_shape(egui::style::HandleShape::Rect { aspect_ratio: 0.45 }));

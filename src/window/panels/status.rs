@@ -15,7 +15,8 @@ const SCALE_BAR_WIDTH: f32 = 110.0;
 const WAITING_SAID_S: f64 = 1.0;
 const COMPASS_RADIUS: f32 = 9.5;
 
-pub(super) fn show(ctx: &Context, shown: &Shown<'_>, actions: &mut Vec<Action>) {
+/// `says_waiting`: whether it tells of pages that are awaited.
+pub(super) fn show(ctx: &Context, shown: &Shown<'_>, says_waiting: bool, actions: &mut Vec<Action>) {
     let screen = ctx.content_rect();
     let rect = Rect::from_min_max(pos2(screen.left(), screen.bottom() - BAR_HEIGHT), screen.max);
     Area::new(Id::unique("stoop status")).order(Order::Middle).fixed_pos(rect.min).fade_in(false).show(ctx, |ui| {
@@ -31,11 +32,11 @@ pub(super) fn show(ctx: &Context, shown: &Shown<'_>, actions: &mut Vec<Action>) 
             actions.push(Action::NorthUp);
         }
         draw_scale_bar(&mut ui, shown);
-        ui.with_layout(Layout::left_to_right(Align::Center), |ui| texts(ui, shown));
+        ui.with_layout(Layout::left_to_right(Align::Center), |ui| texts(ui, shown, says_waiting));
     });
 }
 
-fn texts(ui: &mut Ui, shown: &Shown<'_>) {
+fn texts(ui: &mut Ui, shown: &Shown<'_>, says_waiting: bool) {
     let mut job = egui::text::LayoutJob::default();
     match shown.playback {
         Playback::Off => {}
@@ -56,13 +57,14 @@ fn texts(ui: &mut Ui, shown: &Shown<'_>) {
     } else {
         look::append(&mut job, "no ground under the cursor", look::body(), look::WEAK);
     }
-    look::append(&mut job, "   eye ", look::body(), look::WEAK);
+    look::append(&mut job, "   eye", look::body(), look::WEAK);
     let eye = shown.above_ground_m.map_or_else(
-        || format!("{} above the ellipsoid", words::metres(shown.view.pose.eye.height_m)),
-        |height_m| format!("{} above ground", words::metres(height_m)),
+        || format!(" {} above the ellipsoid", words::metres(shown.view.pose.eye.height_m)),
+        |height_m| format!(" {} above ground", words::metres(height_m)),
     );
     look::append(&mut job, &eye, look::mono(), look::TEXT);
-    if shown.awaited_s.is_some_and(|seconds| seconds > WAITING_SAID_S)
+    if says_waiting
+        && shown.awaited_s.is_some_and(|seconds| seconds > WAITING_SAID_S)
         && let Some(waiting) = super::hud::waiting(shown)
     {
         look::append(&mut job, &format!("   {waiting}"), look::body(), look::WARN);

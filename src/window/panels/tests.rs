@@ -242,6 +242,30 @@ fn panels_say_what_they_were_given() {
 }
 
 #[test]
+fn every_letter_has_a_picture() {
+    let world = World::new();
+    let mut shown = world.shown([1280, 720]);
+    shown.gpu_ms = None;
+    let mut window = Window::new([1280, 720], 1.0, all_open(Side::Settings));
+    let mut text = String::new();
+    for side in [Side::Settings, Side::Help] {
+        window.panels.open.side = Some(side);
+        text += &window.settle(&shown).all_text();
+        shown.playback = Playback::Replaying { at_s: 1.0, of_s: 2.0 };
+        window.panels.open.hud_brief = true;
+        shown.above_ground_m = Some(12_345_678.0);
+    }
+    let has = |font: egui::FontId, letter| window.ctx.fonts_mut(|fonts| fonts.has_glyph(&font, letter));
+    // Marks are always written in the fixed-width font; everything else may be in either.
+    let lacks = |letter: &char| {
+        let is_mark = "▶▼●".contains(*letter);
+        !letter.is_whitespace() && !(has(look::mono(), *letter) && (is_mark || has(look::body(), *letter)))
+    };
+    assert!(text.contains('▶') && text.contains('▼') && text.contains('●') && text.contains('–'));
+    assert_eq!(text.chars().filter(lacks).collect::<String>(), "");
+}
+
+#[test]
 fn closed_panels_cost_next_to_nothing() {
     let mut world = World::new();
     world.messages = Messages::default();
