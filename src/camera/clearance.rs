@@ -80,11 +80,15 @@ impl<'a> Clearance<'a> {
         if lack_m <= ROUNDING_M { 0.0 } else { lack_m }
     }
 
-    /// The eye after `dt_s` of rising to where it must be: finer ground or a building may arrive round a resting eye.
-    pub(super) fn risen(&self, eye: Geodetic, dt_s: f64) -> Geodetic {
+    /// The eye after `dt_s` of rising to where it must be, and what is left, metres: finer ground or a building may
+    /// arrive round a resting eye.
+    pub(super) fn risen(&self, eye: Geodetic, dt_s: f64) -> (Geodetic, f64) {
         let lack_m = self.lack_m(eye);
+        if lack_m == 0.0 {
+            return (eye, 0.0);
+        }
         let rise_m = (lack_m * gone(dt_s, RISE_S) + RISE_M_PER_S * dt_s).min(lack_m);
-        eye.at_height(eye.height_m + rise_m)
+        (eye.at_height(eye.height_m + rise_m), lack_m - rise_m)
     }
 
     fn samples(&self, eye: Geodetic, length_m: f64) -> usize {

@@ -4,7 +4,7 @@ use super::Pose;
 use super::Surroundings;
 use super::clearance::Clearance;
 use super::hold::{LEAST_ELEVATION_RAD, Reach, elevation_over, face, hold};
-use super::motion::{Lens, MAX_HEIGHTS_PER_S, moved};
+use super::motion::{Lens, MAX_HEIGHTS_PER_S, moved, radius_m};
 use super::orbit::Orbit;
 use super::zoom::Anchor;
 use crate::geodesy::{Ecef, Point};
@@ -104,7 +104,8 @@ fn follow_point(
     let Some(way) = hold(pose, lens, point, at_px) else {
         return (pose, Followed::Stopped);
     };
-    let length_m = way.east_m.hypot(way.north_m);
+    // The eye's own way is longer than the one on the ground below it.
+    let length_m = way.east_m.hypot(way.north_m) * (1.0 + pose.eye.height_m.max(0.0) / radius_m(pose.eye));
     let most_m = MAX_HEIGHTS_PER_S * clear.height_m(pose.eye) * dt_s;
     let cap = (most_m / length_m.max(f64::MIN_POSITIVE)).min(1.0);
     let go = |share: f64| moved(pose, way.east_m * cap * share, way.north_m * cap * share);

@@ -9,7 +9,7 @@ use std::f64::consts::{FRAC_PI_2, PI, TAU};
 pub const MAX_HEIGHT_M: f64 = 4e7;
 /// No movement by hand is faster than this, in heights of the eye above the ground per second: a grab near the horizon
 /// asks for any speed, and pages must have a chance to come.
-pub const MAX_HEIGHTS_PER_S: f64 = 40.0;
+pub const MAX_HEIGHTS_PER_S: f64 = 60.0;
 /// No zoom changes the logarithm of the height faster than this, per second: the whole Earth to a street in three
 /// seconds.
 pub const MAX_LOG_HEIGHT_PER_S: f64 = 5.0;

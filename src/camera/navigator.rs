@@ -188,7 +188,7 @@ impl Navigator {
 
     fn press(&mut self, button: Button, now_s: f64, lens: Lens, around: &dyn Surroundings) {
         self.stop();
-        let Some(at_px) = self.pointer.last_px() else { return };
+        let Some(at_px) = self.pointer.pressed(now_s) else { return };
         if button != Button::Left {
             self.pointer.forget_press();
             self.gesture = Gesture::Drag(Grab::round(self.pose, lens, at_px, around), button);
@@ -299,8 +299,9 @@ impl Navigator {
     }
 
     fn rise(&mut self, dt_s: f64, clear: Clearance) {
-        self.pose.eye = clear.risen(self.pose.eye, dt_s);
-        self.rising = clear.lack_m(self.pose.eye) > 0.0;
+        let (eye, left_m) = clear.risen(self.pose.eye, dt_s);
+        self.pose.eye = eye;
+        self.rising = left_m > 0.0;
     }
 }
 
@@ -308,7 +309,7 @@ impl Navigator {
 const WHOLE_EARTH: Pose =
     Pose { eye: Geodetic { lat_rad: 0.0, lon_rad: 0.0, height_m: 1.5e7 }, heading_rad: 0.0, pitch_rad: -FRAC_PI_2 };
 
-/// The pose with its angles in range; `None` where it is not finite.
+/// The pose with its place and pitch in range; `None` where it is not finite.
 fn sane(pose: Pose) -> Option<Pose> {
     is_finite(&pose).then(|| {
         let eye = Geodetic {
@@ -316,6 +317,6 @@ fn sane(pose: Pose) -> Option<Pose> {
             lon_rad: wrapped(pose.eye.lon_rad),
             height_m: pose.eye.height_m,
         };
-        Pose { eye, heading_rad: wrapped(pose.heading_rad), pitch_rad: clamped_pitch(pose.pitch_rad) }
+        Pose { eye, pitch_rad: clamped_pitch(pose.pitch_rad), ..pose }
     })
 }

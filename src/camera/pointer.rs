@@ -29,7 +29,7 @@ fn distance_px(a: [f64; 2], b: [f64; 2]) -> f64 {
 pub(super) struct Pointer {
     trail: VecDeque<(f64, [f64; 2])>,
     inside: bool,
-    pressed: Option<(f64, [f64; 2])>,
+    last_press: Option<(f64, [f64; 2])>,
 }
 
 impl Pointer {
@@ -72,17 +72,25 @@ impl Pointer {
         }
     }
 
+    /// Where a press is. What came before it gives no speed to its drag.
+    pub(super) fn pressed(&mut self, now_s: f64) -> Option<[f64; 2]> {
+        let at_px = self.last_px()?;
+        self.trail.clear();
+        self.trail.push_back((now_s, at_px));
+        Some(at_px)
+    }
+
     /// Notes a press; whether it is the second of a double click.
     pub(super) fn is_double(&mut self, now_s: f64, at_px: [f64; 2]) -> bool {
         let double = self
-            .pressed
+            .last_press
             .is_some_and(|(t_s, was_px)| now_s - t_s <= DOUBLE_S && distance_px(was_px, at_px) <= DOUBLE_PX);
-        self.pressed = (!double).then_some((now_s, at_px));
+        self.last_press = (!double).then_some((now_s, at_px));
         double
     }
 
     pub(super) fn forget_press(&mut self) {
-        self.pressed = None;
+        self.last_press = None;
     }
 }
 

@@ -1,13 +1,14 @@
 //! Zooming in log height towards a point, which stays where it is in the picture.
 
-use super::Pose;
 use super::Surroundings;
 use super::clearance::{Clearance, EYE_OVER_GROUND_M};
-use super::hold::{Reach, face, hold};
+use super::hold::{elevation_over, face, hold};
 use super::motion::{
-    LEAST_HEIGHT_M, Lens, MAX_HEIGHT_M, MAX_HEIGHTS_PER_S, MAX_LOG_HEIGHT_PER_S, gone, moved, wrapped,
+    LEAST_HEIGHT_M, Lens, MAX_HEIGHT_M, MAX_HEIGHTS_PER_S, MAX_LOG_HEIGHT_PER_S, gone, moved, radius_m, wrapped,
 };
+use super::{Pose, View};
 use crate::geodesy::{Course, Ecef, Geodetic, Point};
+use std::f64::consts::FRAC_PI_2;
 
 /// One notch of the wheel multiplies the height by this, inwards.
 const NOTCH: f64 = 0.8;
@@ -22,6 +23,10 @@ const MAX_LEFT: f64 = 4.0;
 const SHALLOW: f64 = 0.08;
 /// Zooming in ends at this distance, metres.
 const LEAST_DISTANCE_M: f64 = 2.0;
+/// A cap of speed is kept to within this share.
+const HURRY_ROUNDING: f64 = 1e-3;
+/// A point drawn further from its pixel has left it.
+const LOST_PX: f64 = 0.5;
 /// The pointer may move as far before another point is zoomed to, pixels.
 const SAME_PX: f64 = 3.0;
 
@@ -36,6 +41,14 @@ impl Anchor {
     pub(super) fn pick(pose: Pose, lens: Lens, at_px: [f64; 2], around: &dyn Surroundings) -> Option<Self> {
         let point = around.pick(&lens.view(pose), at_px).filter(|point| point.xyz().is_finite())?;
         Some(Self { point, at_px })
+    }
+
+    /// With the pixel where it is drawn now, where it could not be kept.
+    fn drawn(self, view: &View) -> Self {
+        match view.project_px(self.point) {
+            Some(px) if (px[0] - self.at_px[0]).hypot(px[1] - self.at_px[1]) > LOST_PX => Self { at_px: px, ..self },
+            _ => self,
+        }
     }
 }
 
@@ -77,19 +90,31 @@ impl Zoom {
         let part = if self.left.abs() < STILL { self.left } else { self.left * gone(dt_s, SMOOTH_S) };
         let part = part.clamp(-most, most);
         self.left -= part;
-        let part = part.clamp(-self.most_by_way(&pose, dt_s, clear), self.most_by_way(&pose, dt_s, clear));
+        let part = self.unhurried(part, pose, lens, dt_s, clear);
         let way = |share: f64| self.zoomed(pose, lens, part * share, clear);
-        let length_m = way(1.0).eye.to_ecef().distance_m(pose.eye.to_ecef());
-        let share = clear.clear_share(length_m, way);
+        let share = clear.clear_share(way_m(&pose, &way(1.0)), way);
+        let zoomed = way(share);
         let ended = share < 1.0 || self.left == 0.0;
-        (way(share), (!ended).then_some(self))
+        self.anchor = self.anchor.map(|anchor| anchor.drawn(&lens.view(zoomed)));
+        (zoomed, (!ended).then_some(self))
     }
 
-    /// A far point seen from low down must not fling the eye: what the cap of speed leaves.
-    fn most_by_way(&self, pose: &Pose, dt_s: f64, clear: Clearance) -> f64 {
-        let Some(anchor) = self.anchor else { return f64::INFINITY };
-        let distance_m = pose.eye.to_ecef().distance_m(anchor.point).max(LEAST_DISTANCE_M);
-        MAX_HEIGHTS_PER_S * clear.height_m(pose.eye) * dt_s / distance_m
+    /// As much of a zoom as both caps of speed leave: a far point seen from low down must not fling the eye, and on a
+    /// ray along the globe's edge the height grows faster than the distance.
+    fn unhurried(&self, mut part: f64, pose: Pose, lens: Lens, dt_s: f64, clear: Clearance) -> f64 {
+        const TRIES: usize = 4;
+        let over_m = clear.height_m(pose.eye);
+        for _ in 0..TRIES {
+            let zoomed = self.zoomed(pose, lens, part, clear);
+            let heights = way_m(&pose, &zoomed) / over_m / MAX_HEIGHTS_PER_S;
+            let log_height = (clear.height_m(zoomed.eye) / over_m).ln().abs() / MAX_LOG_HEIGHT_PER_S;
+            let hurry = heights.max(log_height) / dt_s.max(f64::MIN_POSITIVE);
+            if hurry <= 1.0 + HURRY_ROUNDING {
+                break;
+            }
+            part /= hurry;
+        }
+        part
     }
 
     fn zoomed(&self, pose: Pose, lens: Lens, log_height: f64, clear: Clearance) -> Pose {
@@ -106,9 +131,10 @@ impl Zoom {
         if factor < 1.0 && distance_m * factor < LEAST_DISTANCE_M {
             return pose;
         }
-        let steep = to_eye.dot(pose.eye.up()) > SHALLOW * distance_m;
         let point_m = Geodetic::from_ecef(anchor.point).height_m;
-        let zoomed = if steep && pose.eye.height_m > point_m {
+        let below = to_eye.dot(pose.eye.up()) > SHALLOW * distance_m && pose.eye.height_m > point_m;
+        let grazing = elevation_over(&pose, anchor.point) < SHALLOW;
+        let zoomed = if below && (!grazing || looks_at_globe(&pose, point_m)) {
             held(Pose { eye: over(pose.eye, factor, point_m), ..pose }, lens, anchor)
         } else {
             faced(drawn_near(pose, anchor.point, factor), lens, anchor)
@@ -131,24 +157,23 @@ fn raised(pose: Pose, from: &Pose, clear: Clearance) -> Pose {
     Pose { eye: pose.eye.at_height(pose.eye.height_m.max(least_m)), ..pose }
 }
 
-/// Gone to where the anchor is in its place. Where its ray has left the globe the anchor stays at the globe's edge, and
-/// the eye tilts only where it would lose the globe from the middle of the picture.
+/// Gone to where the anchor is in its place; where its ray has left the globe, to where it is at the globe's edge.
 fn held(pose: Pose, lens: Lens, anchor: Anchor) -> Pose {
-    let Some(way) = hold(pose, lens, anchor.point, anchor.at_px) else {
-        return faced(pose, lens, anchor);
-    };
-    let held = moved(pose, way.east_m, way.north_m);
-    match way.reach {
-        Reach::Cursor => held,
-        Reach::Limb if looks_at_globe(&held, anchor.point) => held,
-        Reach::Limb => faced(held, lens, anchor),
+    match hold(pose, lens, anchor.point, anchor.at_px) {
+        Some(way) => moved(pose, way.east_m, way.north_m),
+        None => faced(pose, lens, anchor),
     }
 }
 
-/// Whether the middle of the picture is less far from straight down than a point at the globe's edge.
-fn looks_at_globe(pose: &Pose, edge: Point<Ecef>) -> bool {
-    let to_edge = (edge - pose.eye.to_ecef()).xyz().normalize_or_zero();
-    -pose.pitch_rad.sin() > -to_edge.dot(pose.eye.up())
+/// Whether the middle of the picture shows the globe, up to a height above the ellipsoid.
+fn looks_at_globe(pose: &Pose, height_m: f64) -> bool {
+    let radius_m = radius_m(pose.eye);
+    let half_rad = ((radius_m + height_m) / (radius_m + pose.eye.height_m)).min(1.0).asin();
+    FRAC_PI_2 + pose.pitch_rad < half_rad
+}
+
+fn way_m(from: &Pose, to: &Pose) -> f64 {
+    from.eye.to_ecef().distance_m(to.eye.to_ecef())
 }
 
 fn faced(pose: Pose, lens: Lens, anchor: Anchor) -> Pose {

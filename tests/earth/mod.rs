@@ -1,6 +1,8 @@
 //! A made-up Earth for flights: waves of ground everywhere, fine levels round one place, a few houses there.
 //! Pages come from formulas; nothing is stored.
 
+#![allow(dead_code, reason = "each test program uses its own part")]
+
 use std::collections::{BTreeMap, HashMap, HashSet};
 use std::path::Path;
 use std::sync::Arc;

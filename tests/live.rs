@@ -1,0 +1,211 @@
+//! Flights with the threads of a window, without one: the render thread never waits, the footprint holds, nothing has a
+//! hole however the view turns between two lists, and the end is clean at any moment.
+
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop")]
+
+mod earth;
+
+use earth::{Formulas, dive, source};
+use std::sync::Arc;
+use std::time::{Duration, Instant};
+use stoop::camera::{Pose, Surroundings, View};
+use stoop::engine::{EngineParams, FrameReport, Lack, Live, Pace, PickCache, Source};
+use stoop::paging::{Gate, SlowReader};
+use stoop::render::{DrawOptions, Renderer, SKY_ID};
+use stoop::units::ByteSize;
+
+const SIZE_PX: [u32; 2] = [160, 90];
+const LOW_M: f64 = 30.0;
+/// Longer than any machine needs for what a test waits for.
+const LONG: Duration = Duration::from_secs(120);
+
+fn live(source: Source, params: EngineParams, view: View) -> Live {
+    let limits = Live::gpu_limits(&source, &params).unwrap();
+    Live::start(source, params, Renderer::new(limits).unwrap(), view, Box::new(|| {})).unwrap()
+}
+
+fn gated() -> (Source, Arc<Gate>) {
+    let (source, gate) = (source(Formulas::default()), Arc::new(Gate::default()));
+    let reader = Arc::new(SlowReader::new(source.reader.clone(), Duration::ZERO, gate.clone()));
+    (Source { reader, ..source }, gate)
+}
+
+/// Draws a view until `done`; gives the number of frames.
+fn until(live: &mut Live, view: &View, t_s: &mut f64, done: impl Fn(&Live, &FrameReport) -> bool) -> u32 {
+    let (started, mut frames) = (Instant::now(), 0);
+    loop {
+        *t_s += 1.0 / 60.0;
+        let report = live.frame(view, *t_s, Pace::Moving).unwrap();
+        live.renderer().finish().unwrap();
+        frames += 1;
+        if done(live, &report) {
+            return frames;
+        }
+        assert!(started.elapsed() < LONG, "after {frames} frames: {report:?}");
+    }
+}
+
+/// Whether the list was made for this very view and lacks nothing.
+fn is_sharp(live: &Live, view: &View) -> bool {
+    live.list().is_some_and(|list| {
+        list.view == *view && list.selection.stats.pages_missing == 0 && list.selection.stats.debt_px == 0.0
+    })
+}
+
+/// Sky pixels of the present list drawn in another view.
+fn sky_px(live: &mut Live, view: &View) -> usize {
+    let selection = live.list().unwrap().selection.clone();
+    let renderer = live.renderer();
+    renderer.draw(view, &selection, &DrawOptions { aov: true, ..DrawOptions::default() }).unwrap();
+    renderer.read_ids().unwrap().into_iter().filter(|&id| id == SKY_ID).count()
+}
+
+fn turned(view: &View, heading_rad: f64, pitch_rad: f64) -> View {
+    View::new(Pose { heading_rad, pitch_rad, ..view.pose }, view.fov_y_rad, view.size_px)
+}
+
+#[test]
+fn a_dive_becomes_sharp_and_stays_in_its_footprint() {
+    for footprint in [ByteSize(64 << 20), ByteSize(256 << 20)] {
+        let params = EngineParams { footprint, ..EngineParams::default() };
+        let mut live = live(source(Formulas::default()), params, dive(0.0, LOW_M, SIZE_PX));
+        let mut t_s = 0.0;
+        for step in 0..=60 {
+            t_s += 1.0 / 60.0;
+            let report = live.frame(&dive(f64::from(step) / 60.0, LOW_M, SIZE_PX), t_s, Pace::Moving).unwrap();
+            live.renderer().finish().unwrap();
+            assert!(report.footprint_bytes <= footprint.0, "{footprint}: {report:?}");
+            assert!(report.triangles > 0);
+        }
+        let end = dive(1.0, LOW_M, SIZE_PX);
+        until(&mut live, &end, &mut t_s, |live, report| {
+            assert!(report.footprint_bytes <= footprint.0, "{footprint}: {report:?}");
+            is_sharp(live, &end)
+        });
+        let list = live.list().unwrap();
+        assert!(list.selection.stats.objects_drawn > 0 && list.awaited_s.is_none() && list.lacking.is_empty());
+    }
+}
+
+#[test]
+fn views_that_turned_since_their_list_show_no_hole() {
+    let mut t_s = 0.0;
+    for way in [0.0, 0.5, 0.9, 1.0] {
+        let view = dive(way, LOW_M, SIZE_PX);
+        let mut live = live(source(Formulas::default()), EngineParams::default(), view);
+        until(&mut live, &view, &mut t_s, |live, _| is_sharp(live, &view));
+        // From low down all of the picture is ground, whichever way it looks; from high up none may be lost.
+        let pitch_rad = if way < 0.9 { view.pose.pitch_rad } else { -1.2 };
+        for heading_rad in [0.0, 1.5, 3.0, 4.5] {
+            let view = turned(&view, heading_rad, pitch_rad);
+            let sky = sky_px(&mut live, &view);
+            let expected = if way == 0.0 { sky_px_settled(&view) } else { 0 };
+            assert!(sky <= expected, "{way} {heading_rad}: {sky} pixels of sky instead of {expected}");
+        }
+    }
+}
+
+/// The same view with nothing left to load.
+fn sky_px_settled(view: &View) -> usize {
+    let mut t_s = 0.0;
+    let mut live = live(source(Formulas::default()), EngineParams::default(), *view);
+    until(&mut live, view, &mut t_s, |live, _| is_sharp(live, view));
+    sky_px(&mut live, view)
+}
+
+#[test]
+fn frames_go_on_while_the_store_hangs_and_it_is_told_what_is_missing() {
+    let (source, gate) = gated();
+    let mut live = live(source, EngineParams::default(), dive(0.0, LOW_M, SIZE_PX));
+    gate.close();
+    let (end, mut t_s) = (dive(1.0, LOW_M, SIZE_PX), 0.0);
+    let hung = Instant::now();
+    let frames = until(&mut live, &end, &mut t_s, |live, _| {
+        let list = live.list().unwrap();
+        hung.elapsed() > Duration::from_millis(500) && list.view == end && list.awaited_s.is_some_and(|s| s > 0.2)
+    });
+    assert!(frames > 3, "{frames} frames");
+    let list = live.list().unwrap();
+    assert!(list.pages.total().missing > 0 && !list.lacking.is_empty() && list.selection.stats.debt_px > 0.0);
+    assert_eq!(sky_px(&mut live, &end), 0, "what is not there is drawn from coarser pages");
+    gate.open();
+    until(&mut live, &end, &mut t_s, |live, _| is_sharp(live, &end));
+}
+
+#[test]
+fn it_ends_while_reads_hang() {
+    let (source, gate) = gated();
+    let mut live = live(source, EngineParams::default(), dive(0.0, LOW_M, SIZE_PX));
+    gate.close();
+    let mut t_s = 0.0;
+    until(&mut live, &dive(1.0, LOW_M, SIZE_PX), &mut t_s, |_, _| gate.waiting() > 0);
+    drop(live);
+    assert!(gate.waiting() > 0, "the reads still hang");
+    gate.open();
+}
+
+#[test]
+fn limits_change_while_flying() {
+    let view = dive(1.0, LOW_M, SIZE_PX);
+    let mut live = live(source(Formulas::default()), EngineParams::default(), view);
+    let mut t_s = 0.0;
+    until(&mut live, &view, &mut t_s, |live, _| is_sharp(live, &view));
+    let pages = |live: &Live| live.list().unwrap().pages.total().resident;
+    let (fine_pages, least) = (pages(&live), Live::least_footprint(live.source()));
+    // Less memory than the front needs: what is drawn gets coarser, and says why.
+    let tight = EngineParams { footprint: least, tolerance_px: 0.02, ..EngineParams::default() };
+    live.set_params(tight).unwrap();
+    until(&mut live, &view, &mut t_s, |_, report| {
+        report.lack == Lack::Memory && report.tolerance_drawn_px > 0.02 && report.footprint_bytes <= least.0
+    });
+    assert!(live.set_params(EngineParams { footprint: ByteSize(1 << 20), ..tight }).is_err());
+    live.set_params(EngineParams::default()).unwrap();
+    until(&mut live, &view, &mut t_s, |live, _| is_sharp(live, &view) && pages(live) >= fine_pages);
+}
+
+#[test]
+fn a_frame_time_is_held_while_the_eye_moves_and_not_when_it_rests() {
+    let params = EngineParams { frame_ms: Some(8.0), ..EngineParams::default() };
+    let view = dive(1.0, LOW_M, SIZE_PX);
+    let mut live = live(source(Formulas::default()), params, view);
+    let mut t_s = 0.0;
+    until(&mut live, &view, &mut t_s, |live, _| is_sharp(live, &view));
+    // On a machine on which each frame takes too long, whatever it shows.
+    let mut heading_rad = 0.0;
+    for _ in 0..200 {
+        (heading_rad, t_s) = (heading_rad + 0.001, t_s + 1.0 / 60.0);
+        live.frame(&turned(&view, heading_rad, view.pose.pitch_rad), t_s, Pace::Moving).unwrap();
+        live.renderer().finish().unwrap();
+        live.learn(100.0);
+    }
+    let moved = turned(&view, heading_rad, view.pose.pitch_rad);
+    until(&mut live, &moved, &mut t_s, |_, report| report.lack == Lack::Time && report.tolerance_drawn_px > 1.5);
+    let (started, mut rested) = (Instant::now(), false);
+    while !rested && started.elapsed() < LONG {
+        t_s += 1.0 / 60.0;
+        let report = live.frame(&moved, t_s, Pace::Resting).unwrap();
+        live.renderer().finish().unwrap();
+        rested = report.lack == Lack::Nothing && report.tolerance_drawn_px == 1.0;
+    }
+    assert!(rested);
+    let on = turned(&moved, heading_rad + 0.001, view.pose.pitch_rad);
+    until(&mut live, &on, &mut t_s, |live, report| {
+        live.list().unwrap().view.pose == on.pose && report.lack == Lack::Time && report.tolerance_drawn_px > 1.5
+    });
+}
+
+#[test]
+fn what_is_drawn_answers_for_ground_and_houses() {
+    let view = dive(1.0, LOW_M, SIZE_PX);
+    let mut live = live(source(Formulas::default()), EngineParams::default(), view);
+    let mut t_s = 0.0;
+    until(&mut live, &view, &mut t_s, |live, _| is_sharp(live, &view));
+    let cache = PickCache::default();
+    let around = live.surroundings(&cache);
+    let (lat_rad, lon_rad) = (earth::LAT_DEG.to_radians(), earth::LON_DEG.to_radians());
+    let ground_m = around.ground_m(lat_rad, lon_rad).unwrap();
+    assert!((ground_m - earth::ground_m(lat_rad, lon_rad)).abs() <= around.ground_error_m(lat_rad, lon_rad).unwrap());
+    let house = around.obstacle(lat_rad, lon_rad, 0.0).unwrap();
+    assert!((house.top_m - earth::ground_m(lat_rad, lon_rad) - 40.0).abs() < 5.0, "{house:?}");
+    assert!(around.pick(&view, [80.0, 45.0]).is_some());
+}
