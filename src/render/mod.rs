@@ -18,6 +18,8 @@ mod objects;
 mod options;
 #[cfg(feature = "window")]
 mod overlay;
+#[cfg(feature = "window")]
+mod overlay_textures;
 mod pass;
 #[cfg(feature = "window")]
 mod present;
