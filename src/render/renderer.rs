@@ -101,8 +101,8 @@ impl Renderer {
     /// Gives the device up, as if its driver had: for tests of what happens then.
     pub fn lose_device(&self) {
         self.gpu.device.destroy();
-        // The loss is told with the next poll.
-        drop(self.gpu.collect());
+        // A destroyed device tells of its loss once nothing is under way any more.
+        drop(self.gpu.wait());
     }
 
     /// New limits of the arenas. Lower ones only hinder uploads: what is there stays until it is removed, and terrain
