@@ -109,17 +109,14 @@ impl Gpu {
 
     fn poll(&self, how: wgpu::PollType) -> Result<(), RenderError> {
         self.check()?;
-        let polled = self.guarded("waiting for it", || self.device.poll(how))?;
-        polled.map_err(|cause| RenderError::Device(cause.to_string()))?;
-        self.check()
-    }
-
-    /// Libraries below panic where a device is lost in the middle of a call; here that is an error like any other.
-    pub fn guarded<T>(&self, what: &str, call: impl FnOnce() -> T) -> Result<T, RenderError> {
-        catch_unwind(AssertUnwindSafe(call)).or_else(|_| {
-            self.check()?;
-            Err(RenderError::Device(format!("{what} was broken off")))
-        })
+        // wgpu panics where it learns of a loss in the middle of a poll; here that is an error like any other.
+        let polled = catch_unwind(AssertUnwindSafe(|| self.device.poll(how)));
+        self.check()?;
+        match polled {
+            Ok(Ok(_)) => Ok(()),
+            Ok(Err(cause)) => Err(RenderError::Device(cause.to_string())),
+            Err(_) => Err(RenderError::Device("waiting for it was broken off".into())),
+        }
     }
 
     pub fn buffer(&self, label: &str, usage: wgpu::BufferUsages, size: u64) -> wgpu::Buffer {

@@ -21,10 +21,18 @@ pub(super) const OBJECTS_WGSL: &str = pass_source!("objects.wgsl");
 pub(super) const SKY_WGSL: &str = pass_source!("sky.wgsl");
 /// Knows nothing of the frame: it copies a picture.
 pub(super) const PRESENT_WGSL: &str = include_str!("../../shaders/present.wgsl");
+/// Knows nothing of the frame either: it draws panels.
+pub(super) const OVERLAY_WGSL: &str = include_str!("../../shaders/overlay.wgsl");
 
 /// Name and whole source of each pass.
-pub fn shader_sources() -> [(&'static str, &'static str); 4] {
-    [("terrain", TERRAIN_WGSL), ("objects", OBJECTS_WGSL), ("sky", SKY_WGSL), ("present", PRESENT_WGSL)]
+pub fn shader_sources() -> [(&'static str, &'static str); 5] {
+    [
+        ("terrain", TERRAIN_WGSL),
+        ("objects", OBJECTS_WGSL),
+        ("sky", SKY_WGSL),
+        ("present", PRESENT_WGSL),
+        ("overlay", OVERLAY_WGSL),
+    ]
 }
 
 /// A field of a struct in Rust: its name in WGSL, offset and size in bytes.

@@ -18,6 +18,8 @@ mod objects;
 mod options;
 #[cfg(feature = "window")]
 mod overlay;
+#[cfg(feature = "window")]
+mod overlay_textures;
 mod pass;
 #[cfg(feature = "window")]
 mod present;
@@ -39,7 +41,7 @@ pub use layout::{Field, Mirror, mirrored_structs, shader_sources};
 pub use options::{DrawOptions, FrameStats, GpuLimits, Haze, Sun};
 #[cfg(feature = "window")]
 pub use overlay::Overlay;
-pub use renderer::{ArenaFull, Renderer};
+pub use renderer::{ArenaFull, Renderer, SizedPixels};
 #[cfg(feature = "window")]
 pub use screen::Presented;
 #[cfg(feature = "window")]

@@ -29,6 +29,9 @@ pub struct ArenaFull {
     pub limit_bytes: u64,
 }
 
+/// A picture's width and height, and its sRGB RGBA, rows from the top.
+pub type SizedPixels = ([u32; 2], Vec<u8>);
+
 /// The largest mesh: all posts of a page with skirts must fit into the arena.
 const LEAST_MESH_BYTES: u64 = 256 << 10;
 
@@ -98,8 +101,8 @@ impl Renderer {
     /// Gives the device up, as if its driver had: for tests of what happens then.
     pub fn lose_device(&self) {
         self.gpu.device.destroy();
-        // The loss is told with the next poll.
-        drop(self.gpu.collect());
+        // A destroyed device tells of its loss once nothing is under way any more.
+        drop(self.gpu.wait());
     }
 
     /// New limits of the arenas. Lower ones only hinder uploads: what is there stays until it is removed, and terrain
@@ -228,7 +231,7 @@ impl Renderer {
 
     /// The picture that was asked for, once: its size and sRGB RGBA, rows from the top. `None` while it is on its way,
     /// and where none was asked for.
-    pub fn poll_picture(&mut self) -> Option<Result<([u32; 2], Vec<u8>), RenderError>> {
+    pub fn poll_picture(&mut self) -> Option<Result<SizedPixels, RenderError>> {
         let size_px = self.picture.as_ref()?.size_px;
         let pixels = match self.gpu.collect() {
             Ok(()) => self.picture.as_ref()?.take()?,

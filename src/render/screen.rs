@@ -75,7 +75,7 @@ impl Screen {
         self.overlay.take_textures(gpu, &mut overlay.textures);
         let presented = match self.surface.acquire(gpu)? {
             Ok(shown) => {
-                self.draw(gpu, picture, overlay, &shown.texture)?;
+                self.draw(gpu, picture, overlay, &shown.texture);
                 gpu.queue.present(shown);
                 Presented::Shown
             }
@@ -90,16 +90,10 @@ impl Screen {
     }
 
     /// The picture is copied, or else drawn in one pass with the panels.
-    fn draw(
-        &mut self,
-        gpu: &Gpu,
-        picture: Option<&wgpu::Texture>,
-        overlay: &Overlay,
-        shown: &wgpu::Texture,
-    ) -> Result<(), RenderError> {
+    fn draw(&mut self, gpu: &Gpu, picture: Option<&wgpu::Texture>, overlay: &Overlay, shown: &wgpu::Texture) {
         let size_px = [shown.width(), shown.height()];
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        let has_panels = self.overlay.prepare(gpu, &mut encoder, overlay, size_px)?;
+        let has_panels = self.overlay.prepare(gpu, overlay, size_px);
         let is_copied = picture.is_some_and(|picture| copy(&mut encoder, picture, shown));
         if has_panels || !is_copied {
             let mut pass = begin_pass(&mut encoder, shown, !is_copied);
@@ -107,18 +101,17 @@ impl Screen {
                 self.present.draw(gpu, &mut pass, picture, size_px);
             }
             if has_panels {
-                self.overlay.draw(&mut pass, overlay, size_px);
+                self.overlay.draw(&mut pass);
             }
         }
         gpu.queue.submit([encoder.finish()]);
-        Ok(())
     }
 }
 
-fn begin_pass(encoder: &mut wgpu::CommandEncoder, shown: &wgpu::Texture, clear: bool) -> wgpu::RenderPass<'static> {
+fn begin_pass<'e>(encoder: &'e mut wgpu::CommandEncoder, shown: &wgpu::Texture, clear: bool) -> wgpu::RenderPass<'e> {
     let view = shown.create_view(&wgpu::TextureViewDescriptor::default());
     let load = if clear { wgpu::LoadOp::Clear(wgpu::Color::BLACK) } else { wgpu::LoadOp::Load };
-    let pass = encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
+    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
         label: Some("present"),
         color_attachments: &[Some(wgpu::RenderPassColorAttachment {
             view: &view,
@@ -127,7 +120,5 @@ fn begin_pass(encoder: &mut wgpu::CommandEncoder, shown: &wgpu::Texture, clear: 
             ops: wgpu::Operations { load, store: wgpu::StoreOp::Store },
         })],
         ..Default::default()
-    });
-    // egui wants a pass of its own lifetime; it ends before the encoder is used again.
-    pass.forget_lifetime()
+    })
 }
