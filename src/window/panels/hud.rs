@@ -9,8 +9,8 @@ use crate::units::ByteSize;
 use egui::text::LayoutJob;
 use egui::{Align2, Color32, Context, Label, Sense, Ui, vec2};
 
-/// Of the column of text, points: the table of pages is the widest part.
-const WIDTH: f32 = 216.0;
+/// Of the column of text, points: a raised tolerance with its reason is the widest line.
+const WIDTH: f32 = 252.0;
 /// Screen error beside which debt is worth a colour, px.
 const DEBT_SEEN_PX: f64 = 0.05;
 
