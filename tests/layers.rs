@@ -34,7 +34,7 @@ const CRATES: [(&[&str], &[&str]); 5] = [
     (&["wgpu"], &["render"]),
     (&["memmap2"], &["store"]),
     (&["winit", "egui_winit", "directories"], &["window"]),
-    (&["egui", "egui_wgpu"], &["render", "window"]),
+    (&["egui"], &["render", "window"]),
 ];
 
 /// What the pure middle must not name.

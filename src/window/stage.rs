@@ -7,7 +7,7 @@ use super::recorder::{Recorder, Replay};
 use super::saver::Saver;
 use super::{WindowError, WindowOptions};
 use crate::camera::{Destination, FlightPath, NavInput, Navigator, Pose, Surroundings, View};
-use crate::engine::{EngineError, EngineParams, FrameReport, Lack, Live, Notify, Pace, PickCache};
+use crate::engine::{DisplayList, EngineError, EngineParams, FrameReport, Lack, Live, Notify, Pace, PickCache};
 use crate::geodesy::Geodetic;
 use crate::render::{Overlay, Presented, Renderer, Skip};
 use crate::units::ByteSize;
@@ -335,7 +335,7 @@ impl Stage {
             asked: self.quality(),
             footprint_least: self.footprint_least,
             pages: list.map(|list| list.pages).unwrap_or_default(),
-            awaited_s: list.and_then(|list| list.awaited_s),
+            awaited_s: list.and_then(DisplayList::awaited_s),
             bytes_read: self.bytes_read,
             world: &self.live.source().manifest.name,
             credits: &self.credits,
@@ -422,7 +422,7 @@ impl Stage {
         }
         let fades = self.messages.changes_in_s(now_s).map_or(Duration::MAX, Duration::from_secs_f64);
         // While pages are awaited the time shown with them runs on.
-        let waits = self.live.list().and_then(|list| list.awaited_s).map_or(Duration::MAX, |_| SKIPPED_WAIT);
+        let waits = self.live.list().and_then(DisplayList::awaited_s).map_or(Duration::MAX, |_| SKIPPED_WAIT);
         // A picture that was held back for time comes once the eye has rested.
         let rests = if self.report.lack == Lack::Time { Duration::from_secs_f64(REST_S) } else { Duration::MAX };
         let wait = repaint.min(fades).min(waits).min(rests);

@@ -7,6 +7,7 @@ use crate::engine::{EngineParams, FrameReport, TimeBudget};
 use crate::paging::{LayerCounts, PageState};
 use crate::select::Selection;
 use std::sync::Arc;
+use std::time::Instant;
 
 /// A selection ready to be drawn from any view near the one it was made for.
 pub struct DisplayList {
@@ -17,8 +18,8 @@ pub struct DisplayList {
     pub selection: Selection,
     /// Pages by layer and state.
     pub pages: LayerCounts,
-    /// How long the page that has been waited for longest is awaited, seconds.
-    pub awaited_s: Option<f64>,
+    /// Since when the page that has been waited for longest is awaited.
+    pub(super) awaited_since: Option<Instant>,
     /// Pages of the front that are not resident.
     pub lacking: Vec<(PageId, PageState)>,
     /// Without what only drawing tells; what is counted between frames is in `totals`.
@@ -26,6 +27,13 @@ pub struct DisplayList {
     pub(super) totals: Totals,
     /// All that the render thread has not confirmed yet, with the number of the list that brought it first.
     pub(super) changes: Vec<(u64, Change)>,
+}
+
+impl DisplayList {
+    /// How long the page that has been waited for longest is awaited by now, seconds.
+    pub fn awaited_s(&self) -> Option<f64> {
+        self.awaited_since.map(|since| since.elapsed().as_secs_f64())
+    }
 }
 
 /// What is to be done to the arenas before a list is drawn.

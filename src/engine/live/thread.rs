@@ -96,8 +96,10 @@ impl SceneThread {
         let manager = &self.scene.residency.manager;
         let wanted = chosen.selection.demands.iter().map(|demand| (demand.page, manager.state(demand.page)));
         let lacking = wanted.filter(|(_, state)| *state != PageState::Resident).collect();
-        let (pages, awaited_s) = (manager.page_counts(), manager.awaited_since_secs().map(|since_s| now_s - since_s));
-        DisplayList { number, view, selection: chosen.selection, pages, awaited_s, lacking, report, totals, changes }
+        let since = |since_s: f64| Instant::now().checked_sub(Duration::try_from_secs_f64(now_s - since_s).ok()?);
+        let awaited_since = manager.awaited_since_secs().and_then(since);
+        let (pages, selection) = (manager.page_counts(), chosen.selection);
+        DisplayList { number, view, selection, pages, awaited_since, lacking, report, totals, changes }
     }
 
     /// What does not fit into the queue is one of many of its kind.
