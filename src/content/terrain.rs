@@ -92,6 +92,17 @@ impl TerrainPage {
         self.posts.binary_search_by_key(&(row, column), TerrainPost::order).ok()
     }
 
+    /// Longest side of a triangle of the network, in spacings of the posts of a full page.
+    pub fn longest_side_posts(&self) -> f64 {
+        let apart = |a: u16, b: u16| {
+            let (a, b) = (&self.posts[usize::from(a)], &self.posts[usize::from(b)]);
+            let apart = |a: u8, b: u8| u32::from(a.abs_diff(b)).pow(2);
+            apart(a.column, b.column) + apart(a.row, b.row)
+        };
+        let longest = self.triangles.iter().map(|&[a, b, c]| apart(a, b).max(apart(b, c)).max(apart(c, a))).max();
+        f64::from(longest.unwrap_or(0)).sqrt()
+    }
+
     /// The posts of the network.
     pub fn active(&self) -> Active {
         let mut active = Active::corners();

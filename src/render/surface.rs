@@ -191,7 +191,12 @@ impl WindowSurface {
 }
 
 fn create(instance: &wgpu::Instance, target: &Target) -> Result<wgpu::Surface<'static>, RenderError> {
-    instance.create_surface(Arc::clone(&target.0)).map_err(|cause| RenderError::NoSurface(cause.to_string()))
+    instance.create_surface(Arc::clone(&target.0)).map_err(|cause| {
+        // Without any driver no surface can be had either.
+        let adapters = pollster::block_on(instance.enumerate_adapters(wgpu::Backends::all()));
+        let cause = cause.to_string();
+        if adapters.is_empty() { RenderError::NoAdapter(cause) } else { RenderError::NoSurface(cause) }
+    })
 }
 
 fn refused(gpu: &Gpu, cause: &str) -> RenderError {

@@ -15,9 +15,9 @@ use std::f64::consts::{PI, TAU};
 
 /// The drawn ground stays at least this far below the eye, metres.
 pub const CLEARANCE_M: f64 = 2.0;
-/// The pit has slopes of about 1 in this, and is at least as wide as two posts of the drawn page.
+/// The pit has slopes of about 1 in this, and is at least as wide as two triangles of the drawn page.
 const DEPTHS_PER_RADIUS: f64 = 10.0;
-const POSTS_PER_RADIUS: f64 = 2.0;
+const SIDES_PER_RADIUS: f64 = 2.0;
 const RADIUS_MIN_M: f64 = 50.0;
 
 impl GroundPress {
@@ -31,7 +31,7 @@ impl GroundPress {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Ground {
     height_m: f64,
-    /// Between the posts of its page.
+    /// The longest side of a triangle of its page: only vertices are pressed down, and those round the eye must be.
     spacing_m: f64,
 }
 
@@ -39,7 +39,7 @@ impl Ground {
     /// The press that takes this ground below an eye, if it needs one.
     pub fn press(&self, eye_height_m: f64) -> Option<GroundPress> {
         let depth_m = self.height_m - (eye_height_m - CLEARANCE_M);
-        let radius_m = (DEPTHS_PER_RADIUS * depth_m).max(POSTS_PER_RADIUS * self.spacing_m).max(RADIUS_MIN_M);
+        let radius_m = (DEPTHS_PER_RADIUS * depth_m).max(SIDES_PER_RADIUS * self.spacing_m).max(RADIUS_MIN_M);
         (depth_m > 0.0).then_some(GroundPress { depth_m: depth_m as f32, radius_m: radius_m as f32 })
     }
 }
@@ -74,9 +74,10 @@ pub fn under_eye(index: &IndexForest, cells: &LiveTree, sight: &Sight<'_>, deman
     let bounds = drawn.cell.bounds();
     // π and −π are the same meridian; cells know it as −π.
     let lon_rad = if eye.lon_rad >= PI { eye.lon_rad - TAU } else { eye.lon_rad };
-    let height_m = cells.terrain(drawn.cell)?.surface_height_m(eye.lat_rad, lon_rad, own)?;
-    let spacing_m = meridian_radius_m(eye.lat_rad.sin()) * bounds.height_rad() / (POSTS - 1) as f64;
-    Some(Ground { height_m, spacing_m })
+    let page = cells.terrain(drawn.cell)?;
+    let height_m = page.surface_height_m(eye.lat_rad, lon_rad, own)?;
+    let post_m = meridian_radius_m(eye.lat_rad.sin()) * bounds.height_rad() / (POSTS - 1) as f64;
+    Some(Ground { height_m, spacing_m: post_m * page.longest_side_posts() })
 }
 
 #[cfg(test)]
