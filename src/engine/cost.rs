@@ -21,6 +21,9 @@ const OUTLIER: f64 = 3.0;
 /// tolerance costs up to 1.1² times the triangles.
 const ROOM: f64 = 0.8;
 
+/// What a frame may take at least, over its fixed part.
+const FIXED_SHARE: f64 = 1.25;
+
 /// Counts that a frame's cost follows from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
@@ -103,10 +106,13 @@ impl TimeBudget {
         Self { frame_ms, model: CostModel::default() }
     }
 
-    /// Whether a selection can be drawn in time; made finer than the frame before it needs some room.
+    /// Whether a selection can be drawn in time; made finer than the frame before it needs some room. Where a frame's
+    /// fixed part alone takes about all of the time, its selection still has a share of that: a coarser picture would
+    /// save nothing that shows.
     pub fn allows(&self, selection: &Selection, aim: Aim) -> bool {
         let share = if aim == Aim::Finer { ROOM } else { 1.0 };
-        self.model.predict_ms(Load::of(selection)) <= self.frame_ms * share
+        let limit_ms = self.frame_ms.max(self.model.predict_ms(Load::default()) * FIXED_SHARE);
+        self.model.predict_ms(Load::of(selection)) <= limit_ms * share
     }
 }
 

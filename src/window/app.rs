@@ -179,7 +179,7 @@ impl App {
                 stage.window().request_redraw();
                 system.set_control_flow(ControlFlow::Wait);
             }
-            Next::At(when) => system.set_control_flow(ControlFlow::WaitUntil(when)),
+            Next::Soon(when) | Next::At(when) => system.set_control_flow(ControlFlow::WaitUntil(when)),
             Next::Never => system.set_control_flow(ControlFlow::Wait),
         }
         if frame.shown {

@@ -24,6 +24,9 @@ const TYPED_DISTANCE_M: f64 = 1500.0;
 const TYPED_PITCH_RAD: f64 = -std::f64::consts::FRAC_PI_4;
 /// An eye that has been still for this long rests.
 const REST_S: f64 = 0.25;
+/// Of a display that does not tell its rate, and what is believed of one.
+const DISPLAY_HZ: f64 = 60.0;
+const DISPLAY_HZ_RANGE: [f64; 2] = [24.0, 480.0];
 /// After a frame that was skipped the next one is tried this much later.
 const SKIPPED_WAIT: Duration = Duration::from_millis(100);
 
@@ -45,6 +48,8 @@ pub struct Bookmark {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Next {
     Now,
+    /// When the display shows the next one; frames follow without a pause.
+    Soon(Instant),
     At(Instant),
     /// When something happens.
     Never,
@@ -86,6 +91,8 @@ pub struct Stage {
     /// The last view, and since when it is the same.
     seen: Option<(View, f64)>,
     occluded: bool,
+    /// Of the display's frames.
+    period: Duration,
     names: Vec<String>,
     bookmarks: Vec<Bookmark>,
     credits: Vec<String>,
@@ -135,6 +142,7 @@ impl Stage {
             last_end: None,
             seen: None,
             occluded: false,
+            period: period_of(&window),
             names: options.bookmarks.iter().map(|bookmark| bookmark.name.clone()).collect(),
             bookmarks: options.bookmarks.clone(),
             credits: options.source.manifest.credits(),
@@ -216,8 +224,10 @@ impl Stage {
             WindowEvent::Resized(_) | WindowEvent::ScaleFactorChanged { .. } => {
                 let size_px = size_of(&self.window);
                 self.live.renderer().set_size(size_px);
+                self.period = period_of(&self.window);
                 return true;
             }
+            WindowEvent::Moved(_) => self.period = period_of(&self.window),
             WindowEvent::Occluded(occluded) => {
                 self.occluded = *occluded;
                 return !occluded;
@@ -275,8 +285,8 @@ impl Stage {
         self.ask_for_picture()?;
         self.time(&mut report, pace, begun, drawn_ms);
         self.report = report.clone();
-        let next = self.next(presented, repaint, now_s);
-        self.last_end = (next == Next::Now).then(Instant::now);
+        let next = self.next(presented, repaint, begun);
+        self.last_end = matches!(next, Next::Now | Next::Soon(_)).then(Instant::now);
         Ok(Some(Frame { report, shown: presented == Presented::Shown, next, actions }))
     }
 
@@ -405,12 +415,14 @@ impl Stage {
         let gpu_ms = self.live.gpu_ms();
         // The GPU's time is of a frame or two before: only where frames follow one another is it of one like this.
         if self.last_end.is_some() && pace == Pace::Moving {
-            // What waits for the display is no cost; where the GPU's time cannot be told it is in the frame's.
-            self.live.learn(gpu_ms.map_or(report.timings.frame_ms, |gpu_ms| drawn_ms + gpu_ms));
+            // A frame waits for the one before where that is not done: what the GPU takes shows in one of the two.
+            let busy_ms = begun.elapsed().as_secs_f64() * 1000.0;
+            self.live.learn(busy_ms.max(drawn_ms + gpu_ms.unwrap_or(0.0)));
         }
     }
 
-    fn next(&mut self, presented: Presented, repaint: Duration, now_s: f64) -> Next {
+    fn next(&mut self, presented: Presented, repaint: Duration, begun: Instant) -> Next {
+        let now_s = self.now_s();
         match presented {
             Presented::Skipped(Skip::Minimized | Skip::Occluded) => return Next::Never,
             Presented::Skipped(_) => return Next::At(Instant::now() + SKIPPED_WAIT),
@@ -418,7 +430,9 @@ impl Stage {
         }
         let moves = self.replay.is_some() || self.navigator.is_moving() || self.live.has_uploads();
         if moves || self.picture_asked || self.live.renderer().has_picture_pending() || repaint.is_zero() {
-            return Next::Now;
+            // Frames that the display cannot show would only take time from the other threads.
+            let due = begun + self.period;
+            return if due <= Instant::now() { Next::Now } else { Next::Soon(due) };
         }
         let fades = self.messages.changes_in_s(now_s).map_or(Duration::MAX, Duration::from_secs_f64);
         // While pages are awaited the time shown with them runs on.
@@ -498,6 +512,13 @@ impl Stage {
 /// Physical pixels; 0 while minimized.
 fn size_of(window: &Window) -> [u32; 2] {
     window.inner_size().into()
+}
+
+/// Time between two frames of the display that the window is on.
+fn period_of(window: &Window) -> Duration {
+    let millihertz = window.current_monitor().and_then(|monitor| monitor.refresh_rate_millihertz());
+    let hz = millihertz.map_or(DISPLAY_HZ, |millihertz| f64::from(millihertz) / 1000.0);
+    Duration::from_secs_f64(1.0 / hz.clamp(DISPLAY_HZ_RANGE[0], DISPLAY_HZ_RANGE[1]))
 }
 
 fn start(
