@@ -210,3 +210,17 @@ fn what_is_drawn_answers_for_ground_and_houses() {
     assert!((house.top_m - earth::ground_m(lat_rad, lon_rad) - 40.0).abs() < 5.0, "{house:?}");
     assert!(around.pick(&view, [80.0, 45.0]).is_some());
 }
+
+#[test]
+fn a_lost_device_is_told_and_a_new_renderer_goes_on() {
+    let (source, params) = (source(Formulas::default()), EngineParams::default());
+    let (view, mut t_s) = (dive(1.0, LOW_M, SIZE_PX), 0.0);
+    let mut first = live(source.clone(), params, view);
+    until(&mut first, &view, &mut t_s, |live, _| is_sharp(live, &view));
+    first.renderer().lose_device();
+    assert!(first.is_lost() && first.frame(&view, t_s + 1.0, Pace::Moving).is_err());
+    first.close();
+    let mut second = live(source, params, view);
+    until(&mut second, &view, &mut t_s, |live, _| is_sharp(live, &view));
+    assert!(!second.is_lost());
+}

@@ -390,14 +390,16 @@ impl Stage {
                 Err(text) => self.say(MessageKind::Failed, text),
             }
         }
-        match self.live.renderer().poll_picture() {
-            None => {}
+        let failed = match self.live.renderer().poll_picture() {
+            None => None,
             Some(Ok((size_px, rgba))) => {
-                if !self.saver.save(size_px, rgba) {
-                    self.say(MessageKind::Failed, "too many screenshots at once: this one was not saved".into());
-                }
+                let saved = self.saver.save(size_px, rgba);
+                (!saved).then(|| "too many screenshots at once: this one was not saved".to_owned())
             }
-            Some(Err(error)) => self.say(MessageKind::Failed, format!("no screenshot: {error}")),
+            Some(Err(error)) => Some(format!("no screenshot: {error}")),
+        };
+        if let Some(text) = failed {
+            self.say(MessageKind::Failed, text);
         }
     }
 
