@@ -854,3 +854,20 @@ proptest! {
         }
     }
 }
+
+#[test]
+fn a_rest_is_not_made_up_for() {
+    let scene = Scene::default();
+    let from = pose(10.0, 20.0, 5000.0, 0.0, -45.0);
+    let mut hand = Hand::new(&scene, from);
+    hand.now_s += 60.0;
+    hand.input(NavInput::Hold(Held::TurnLeft, true));
+    hand.frame();
+    let turned_deg = (hand.navigator.pose().heading_rad - from.heading_rad).to_degrees().abs();
+    assert!(turned_deg < 2.0, "{turned_deg} degrees in the first frame");
+    hand.input(NavInput::Hold(Held::TurnLeft, false));
+    hand.now_s += 60.0;
+    hand.input(NavInput::FlyTo(Destination::new(pose(10.5, 20.0, 5000.0, 0.0, -45.0))));
+    (0..60).for_each(|_| _ = hand.frame());
+    assert!(hand.navigator.pose().eye.lat_deg() > 10.01, "the flight waits");
+}

@@ -219,6 +219,11 @@ fn a_session_by_hand_ends_cleanly_and_keeps_what_was_made() {
     display.hands("key p");
     display.wait("the screenshot", || !screenshots(display.home.path()).is_empty());
     display.hands("key t key z key c key h sleep 0.3 key o sleep 0.3 key Escape");
+    // Letters of a text do not fly; sizes change.
+    display.hands("key f sleep 0.3 key ctrl+a type --delay 50 wwwwssaa");
+    display.hands(
+        "key Escape sleep 0.3 key Escape search --name Stoop windowsize 400 300 sleep 0.5 windowsize 640 360 sleep 0.5",
+    );
     display.hands("mousemove 320 180 click 4 click 4 click 4 sleep 0.5");
     display.hands("key shift+p keydown Left sleep 0.5 keyup Left sleep 0.3 key shift+p");
     display.hands("key 2 sleep 12 mousedown 3 mousemove 330 150 sleep 0.2 mouseup 3 sleep 0.5");

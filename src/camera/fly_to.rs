@@ -91,10 +91,6 @@ impl FlyTo {
         self.start_s + self.duration_s
     }
 
-    pub fn destination(&self) -> Pose {
-        self.to
-    }
-
     /// The pose at a time on the clock of [`super::Navigator::step`]: before the start the first, from the end on the
     /// destination, exactly.
     pub fn pose_at(&self, t_s: f64) -> Pose {

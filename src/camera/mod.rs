@@ -18,7 +18,7 @@ mod zoom;
 pub use clearance::{EYE_FROM_WALLS_M, EYE_OVER_GROUND_M};
 pub use fly_to::{Destination, FlyTo};
 pub use motion::{MAX_HEIGHT_M, MAX_HEIGHTS_PER_S, MAX_LOG_HEIGHT_PER_S};
-pub use navigator::{Button, NavInput, Navigator};
+pub use navigator::{Button, NavInput, Navigator, WHOLE_EARTH};
 pub use path::{FlightPath, PathError};
 pub use surroundings::{Obstacle, Surroundings};
 pub use view::{Frustum, Pose, View, ViewAxes};

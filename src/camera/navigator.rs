@@ -121,6 +121,7 @@ impl Navigator {
     /// Takes an input that came at `now_s`; the eye moves with the next [`Navigator::step`].
     pub fn input(&mut self, input: NavInput, now_s: f64, size_px: [u32; 2], around: &dyn Surroundings) {
         let lens = Lens::new(self.fov_y_rad, size_px);
+        self.wake(now_s);
         match input {
             NavInput::PointerMoved(at_px) if at_px.iter().all(|px| px.is_finite()) => self.pointer.moved(now_s, at_px),
             NavInput::PointerMoved(_) => {}
@@ -157,6 +158,14 @@ impl Navigator {
         self.follow(dt_s, lens, clear);
         self.rise(dt_s, clear);
         lens.view(self.pose)
+    }
+
+    /// A rest is no time to make up for.
+    fn wake(&mut self, now_s: f64) {
+        let is_dragged = matches!(self.gesture, Gesture::Drag(..));
+        if now_s.is_finite() && !is_dragged && !self.is_moving() {
+            self.last_s = Some(self.last_s.map_or(now_s, |last_s| last_s.max(now_s)));
+        }
     }
 
     /// Seconds since the last step, as far as they count; a flight waits for the rest.
@@ -306,7 +315,7 @@ impl Navigator {
 }
 
 /// Straight down on the whole Earth.
-const WHOLE_EARTH: Pose =
+pub const WHOLE_EARTH: Pose =
     Pose { eye: Geodetic { lat_rad: 0.0, lon_rad: 0.0, height_m: 1.5e7 }, heading_rad: 0.0, pitch_rad: -FRAC_PI_2 };
 
 /// The pose with its place and pitch in range; `None` where it is not finite.

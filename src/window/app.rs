@@ -2,10 +2,10 @@
 
 use super::WindowOptions;
 use super::panels::{Action, MessageKind, Panels, Quality};
-use super::settings::{Settings, SettingsFile};
+use super::settings::{Settings, SettingsFile, WindowSettings};
 use super::stage::{Frame, Next, Stage};
-use crate::camera::Pose;
-use crate::engine::{EngineError, EngineParams, FrameReport};
+use crate::camera::{Pose, WHOLE_EARTH};
+use crate::engine::{EngineError, EngineParams, FrameReport, Live};
 use crate::record::{FlightHeader, FlightLog, RecordError};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -91,14 +91,15 @@ pub fn run(options: WindowOptions) -> Result<(), WindowError> {
         stage: None,
         lost: None,
         failed: None,
+        due: None,
         saved: false,
     };
-    events.run_app(&mut app).map_err(WindowError::Events)?;
+    let ended = events.run_app(&mut app).map_err(WindowError::Events);
     app.close();
-    match app.failed {
-        Some(error) => Err(error),
-        None => app.write_report(),
-    }
+    let ended = app.failed.take().map_or(ended, Err);
+    // What was made is kept however it ended.
+    let reported = app.write_report();
+    ended.and(reported)
 }
 
 struct App {
@@ -113,6 +114,8 @@ struct App {
     /// When the device was last lost.
     lost: Option<Instant>,
     failed: Option<WindowError>,
+    /// When the next frame follows the last one.
+    due: Option<Instant>,
     saved: bool,
 }
 
@@ -144,7 +147,11 @@ impl App {
         let settings = self.settings.quality.quality().sane();
         let asked = Quality {
             tolerance_px: self.options.tolerance_px.unwrap_or(settings.tolerance_px),
-            footprint: self.options.footprint.unwrap_or(settings.footprint),
+            // What was set for a smaller world may be too little for this one.
+            footprint: self
+                .options
+                .footprint
+                .unwrap_or_else(|| settings.footprint.max(Live::least_footprint(&self.options.source))),
             frame_ms: self.options.frame_ms.unwrap_or(settings.frame_ms),
         };
         EngineParams {
@@ -160,7 +167,7 @@ impl App {
         let manifest = &self.options.source.manifest;
         let home = self.options.bookmarks.first().map(|bookmark| bookmark.pose);
         let last = self.settings.last_view(&manifest.name, &manifest.recipe_hash);
-        last.or(home).unwrap_or(super::stage::WHOLE_EARTH)
+        last.or(home).unwrap_or(WHOLE_EARTH)
     }
 
     fn frame(&mut self, system: &ActiveEventLoop) {
@@ -174,6 +181,7 @@ impl App {
 
     fn after(&mut self, frame: Frame, system: &ActiveEventLoop) {
         let Some(stage) = &mut self.stage else { return };
+        self.due = if let Next::Soon(due) = frame.next { Some(due) } else { None };
         match frame.next {
             Next::Now => {
                 stage.window().request_redraw();
@@ -224,8 +232,10 @@ impl App {
         system.exit();
     }
 
+    /// Asks for a frame, unless one is due soon that the display would not show earlier.
     fn redraw(&self) {
-        if let Some(stage) = &self.stage {
+        let is_due = self.due.is_none_or(|due| due <= Instant::now());
+        if let Some(stage) = self.stage.as_ref().filter(|_| is_due) {
             stage.window().request_redraw();
         }
     }
@@ -236,17 +246,15 @@ impl App {
             return;
         }
         let Some(stage) = &mut self.stage else { return };
-        stage.end_recording();
+        for said in stage.finish() {
+            eprintln!("stoop: {said}");
+        }
         let manifest = &self.options.source.manifest;
         self.settings.remember_view(&manifest.name, &manifest.recipe_hash, stage.pose());
         self.settings.panels = stage.panels.open;
         self.settings.overlays = stage.panels.overlays;
-        self.settings.window.maximized = stage.window().is_maximized();
-        if self.options.size_px.is_none() && !self.settings.window.maximized && stage.window().fullscreen().is_none() {
-            let size: LogicalSize<f64> = stage.window().inner_size().to_logical(stage.window().scale_factor());
-            if size.width >= 1.0 && size.height >= 1.0 {
-                (self.settings.window.width_px, self.settings.window.height_px) = (size.width, size.height);
-            }
+        if self.options.size_px.is_none() && stage.window().fullscreen().is_none() {
+            keep_size(&mut self.settings.window, stage.window());
         }
         self.settings.window.scale = stage.scale();
         self.keep_quality();
@@ -285,6 +293,14 @@ impl App {
     }
 }
 
+fn keep_size(kept: &mut WindowSettings, window: &Window) {
+    kept.maximized = window.is_maximized();
+    let size: LogicalSize<f64> = window.inner_size().to_logical(window.scale_factor());
+    if !kept.maximized && size.width >= 1.0 && size.height >= 1.0 {
+        (kept.width_px, kept.height_px) = (size.width, size.height);
+    }
+}
+
 fn header(stage: &mut Stage, options: &WindowOptions) -> FlightHeader {
     let quality = stage.quality();
     FlightHeader {
@@ -299,8 +315,10 @@ fn header(stage: &mut Stage, options: &WindowOptions) -> FlightHeader {
 }
 
 impl ApplicationHandler<News> for App {
-    fn new_events(&mut self, _: &ActiveEventLoop, cause: StartCause) {
+    fn new_events(&mut self, system: &ActiveEventLoop, cause: StartCause) {
         if let StartCause::ResumeTimeReached { .. } = cause {
+            system.set_control_flow(ControlFlow::Wait);
+            self.due = None;
             self.redraw();
         }
     }

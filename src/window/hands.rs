@@ -2,13 +2,13 @@
 
 use crate::camera::{Button, Held, NavInput};
 use winit::event::{ElementState, KeyEvent, MouseButton, MouseScrollDelta, WindowEvent};
-use winit::keyboard::{KeyCode, ModifiersState, PhysicalKey};
+use winit::keyboard::{Key, KeyCode, ModifiersState, PhysicalKey};
 
 /// Physical pixels of a smooth wheel or touch pad that make a notch, at scale factor 1.
 const NOTCH_PX: f64 = 50.0;
 
-/// Keys that are held to fly, by their place on the keyboard. Each may be held with another one of the same meaning.
-const HELD: [(KeyCode, Held); 19] = [
+/// Keys that are held to fly, by their place on the keyboard.
+const HELD: [(KeyCode, Held); 16] = [
     (KeyCode::KeyW, Held::Forward),
     (KeyCode::KeyS, Held::Back),
     (KeyCode::KeyA, Held::Left),
@@ -21,11 +21,8 @@ const HELD: [(KeyCode, Held); 19] = [
     (KeyCode::ArrowDown, Held::TiltDown),
     (KeyCode::PageUp, Held::ZoomIn),
     (KeyCode::PageDown, Held::ZoomOut),
-    (KeyCode::Equal, Held::ZoomIn),
-    (KeyCode::Minus, Held::ZoomOut),
     (KeyCode::NumpadAdd, Held::ZoomIn),
     (KeyCode::NumpadSubtract, Held::ZoomOut),
-    (KeyCode::BracketRight, Held::ZoomIn),
     (KeyCode::ShiftLeft, Held::Fast),
     (KeyCode::ShiftRight, Held::Fast),
 ];
@@ -37,7 +34,7 @@ pub struct Taken {
     pub keyboard: bool,
 }
 
-/// Follows modifiers and what is held.
+/// Follows the modifiers.
 #[derive(Clone, Debug, Default)]
 pub struct Hands {
     modifiers: ModifiersState,
@@ -63,13 +60,11 @@ impl Hands {
     }
 
     fn key(&self, event: &KeyEvent, taken: Taken) -> Option<NavInput> {
-        let PhysicalKey::Code(code) = event.physical_key else { return None };
-        self.held(code, event.state, event.repeat, taken)
+        self.held(held_by(event)?, event.state, event.repeat, taken)
     }
 
-    /// A key by its place; shortcuts with Ctrl, Alt or Super are none of the eye's.
-    pub fn held(&self, code: KeyCode, state: ElementState, repeat: bool, taken: Taken) -> Option<NavInput> {
-        let held = HELD.iter().find(|(key, _)| *key == code)?.1;
+    /// A key that flies; shortcuts with Ctrl, Alt or Super are none of the eye's.
+    fn held(&self, held: Held, state: ElementState, repeat: bool, taken: Taken) -> Option<NavInput> {
         let others = ModifiersState::CONTROL | ModifiersState::ALT | ModifiersState::SUPER;
         match state {
             ElementState::Released => Some(NavInput::Hold(held, false)),
@@ -77,6 +72,17 @@ impl Hands {
             ElementState::Pressed => Some(NavInput::Hold(held, true)),
         }
     }
+}
+
+/// What a key is held for: by its place, or by the sign on it, whose place differs from keyboard to keyboard.
+fn held_by(event: &KeyEvent) -> Option<Held> {
+    match &event.logical_key {
+        Key::Character(sign) if matches!(sign.as_str(), "+" | "=") => return Some(Held::ZoomIn),
+        Key::Character(sign) if matches!(sign.as_str(), "-" | "_") => return Some(Held::ZoomOut),
+        _ => {}
+    }
+    let PhysicalKey::Code(code) = event.physical_key else { return None };
+    HELD.iter().find(|(key, _)| *key == code).map(|(_, held)| *held)
 }
 
 fn pointer_button(button: MouseButton, state: ElementState, taken: Taken) -> Option<NavInput> {
@@ -119,12 +125,13 @@ mod tests {
         );
         assert_eq!(hands.translate(&button(ElementState::Pressed), 1.0, ALL), None);
         assert_eq!(hands.translate(&button(ElementState::Released), 1.0, ALL), Some(NavInput::Released(Button::Left)));
-        let held = |state, taken| hands.held(KeyCode::KeyW, state, false, taken);
+        let held = |state, taken| hands.held(Held::Forward, state, false, taken);
         assert_eq!(held(ElementState::Pressed, NOTHING), Some(NavInput::Hold(Held::Forward, true)));
         assert_eq!(held(ElementState::Pressed, ALL), None);
         assert_eq!(held(ElementState::Released, ALL), Some(NavInput::Hold(Held::Forward, false)));
-        assert_eq!(hands.held(KeyCode::KeyW, ElementState::Pressed, true, NOTHING), None);
-        assert_eq!(hands.held(KeyCode::KeyP, ElementState::Pressed, false, NOTHING), None);
+        assert_eq!(hands.held(Held::Forward, ElementState::Pressed, true, NOTHING), None);
+        hands.modifiers = ModifiersState::CONTROL;
+        assert_eq!(hands.held(Held::Forward, ElementState::Pressed, false, NOTHING), None);
     }
 
     #[test]

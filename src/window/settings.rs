@@ -22,7 +22,7 @@ const SIDE_PX: [f64; 2] = [160.0, 16_384.0];
 const SCALE: [f64; 2] = [0.5, 4.0];
 const EYE_HEIGHT_M: [f64; 2] = [-12_000.0, 1e9];
 
-/// Missing keys have defaults; unknown ones are kept as they are.
+/// Missing keys have defaults; unknown ones are kept as they are, but for those of panels, overlays and views.
 #[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 #[serde(default)]
 pub struct Settings {

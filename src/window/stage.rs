@@ -6,7 +6,7 @@ use super::panels::{Action, FrameTimes, MessageKind, Messages, Panels, Place, Pl
 use super::recorder::{Recorder, Replay};
 use super::saver::Saver;
 use super::{WindowError, WindowOptions};
-use crate::camera::{Destination, FlightPath, NavInput, Navigator, Pose, Surroundings, View};
+use crate::camera::{Destination, FlightPath, Held, NavInput, Navigator, Pose, Surroundings, View};
 use crate::engine::{DisplayList, EngineError, EngineParams, FrameReport, Lack, Live, Notify, Pace, PickCache};
 use crate::geodesy::Geodetic;
 use crate::render::{Overlay, Presented, Renderer, Skip};
@@ -19,8 +19,11 @@ use winit::window::Window;
 
 /// Vertical field of view of the eye.
 const FOV_Y_RAD: f64 = std::f64::consts::FRAC_PI_3;
-/// From where a place that was typed is looked at, metres, and how steeply.
-const TYPED_DISTANCE_M: f64 = 1500.0;
+/// From how high a place that was typed is looked at, metres, and how steeply; from above the last height straight down.
+const TYPED_DISTANCE_M: f64 = 1000.0;
+const STRAIGHT_DOWN_M: f64 = 100_000.0;
+/// What the ground may differ from what a flight counted with, over the height above it.
+const AIM_SLACK: f64 = 0.02;
 const TYPED_PITCH_RAD: f64 = -std::f64::consts::FRAC_PI_4;
 /// An eye that has been still for this long rests.
 const REST_S: f64 = 0.25;
@@ -30,18 +33,34 @@ const DISPLAY_HZ_RANGE: [f64; 2] = [24.0, 480.0];
 /// After a frame that was skipped the next one is tried this much later.
 const SKIPPED_WAIT: Duration = Duration::from_millis(100);
 
-/// The first view of a world without bookmarks.
-pub const WHOLE_EARTH: Pose = Pose {
-    eye: Geodetic { lat_rad: 0.5, lon_rad: 0.2, height_m: 1.2e7 },
-    heading_rad: 0.0,
-    pitch_rad: -std::f64::consts::FRAC_PI_2,
-};
-
 /// A view with a name.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Bookmark {
     pub name: String,
     pub pose: Pose,
+}
+
+/// A place that was typed, and what ground its flight counted with.
+#[derive(Clone, Copy, Debug)]
+struct Aim {
+    place: Place,
+    ground_m: f64,
+}
+
+impl Aim {
+    fn distance_m(&self) -> f64 {
+        self.place.above_ground_m.unwrap_or(TYPED_DISTANCE_M)
+    }
+
+    /// Looking at the place from the south of the heading; from far above straight down.
+    fn destination(&self, heading_rad: f64) -> Destination {
+        let target = Geodetic { lat_rad: self.place.lat_rad, lon_rad: self.place.lon_rad, height_m: self.ground_m };
+        let height_m = self.distance_m();
+        if height_m > STRAIGHT_DOWN_M {
+            return Destination::looking_at(target, height_m, heading_rad, -std::f64::consts::FRAC_PI_2);
+        }
+        Destination::looking_at(target, height_m / -TYPED_PITCH_RAD.sin(), heading_rad, TYPED_PITCH_RAD)
+    }
 }
 
 /// When the next frame is due.
@@ -64,7 +83,7 @@ pub struct Frame {
     pub actions: Vec<Action>,
 }
 
-/// The things that stay when the device is lost.
+/// A window with all that it needs; of it only `live` is made anew when the device is lost.
 pub struct Stage {
     window: Arc<Window>,
     live: Live,
@@ -83,6 +102,7 @@ pub struct Stage {
     replay: Option<Replay>,
     saver: Saver,
     picture_asked: bool,
+    aim: Option<Aim>,
     report: FrameReport,
     bytes_read: u64,
     started: Instant,
@@ -136,6 +156,7 @@ impl Stage {
             replay: None,
             saver: Saver::start(notify).map_err(WindowError::Thread)?,
             picture_asked: false,
+            aim: None,
             report: FrameReport::default(),
             bytes_read: 0,
             started: Instant::now(),
@@ -236,9 +257,7 @@ impl Stage {
             WindowEvent::CursorLeft { .. } => self.cursor_px = None,
             _ => {}
         }
-        let context = self.egui.egui_ctx();
-        let taken =
-            Taken { pointer: context.egui_wants_pointer_input(), keyboard: context.egui_wants_keyboard_input() };
+        let taken = self.taken();
         let input = self.hands.translate(event, self.window.scale_factor(), taken);
         if let Some(input) = input {
             self.navigate(input);
@@ -246,12 +265,25 @@ impl Stage {
         response.repaint || input.is_some()
     }
 
+    /// What panels take: the pointer where one lies under it now, the keyboard while a text is written.
+    fn taken(&self) -> Taken {
+        let context = self.egui.egui_ctx();
+        let scale = f64::from(context.pixels_per_point());
+        let over = self.cursor_px.is_some_and(|[x, y]| {
+            let layer = context.layer_id_at(egui::pos2((x / scale) as f32, (y / scale) as f32));
+            layer.is_some_and(|layer| layer.order != egui::Order::Background)
+        });
+        let keyboard = context.text_edit_focused() || self.panels.asks_for_place();
+        Taken { pointer: over || context.egui_is_using_pointer(), keyboard }
+    }
+
     fn navigate(&mut self, input: NavInput) {
         let now_s = self.now_s();
         let is_passive = matches!(input, NavInput::PointerMoved(_) | NavInput::PointerLeft | NavInput::Released(_))
-            || matches!(input, NavInput::Hold(_, false) | NavInput::Unfocused);
+            || matches!(input, NavInput::Hold(_, false) | NavInput::Hold(Held::Fast, _) | NavInput::Unfocused);
         if !is_passive {
             self.end_replay();
+            self.aim = None;
         }
         let size_px = self.size_px();
         let (navigator, around) = (&mut self.navigator, self.live.surroundings(&self.picks));
@@ -307,6 +339,7 @@ impl Stage {
         let view = match &self.replay {
             Some(_) => self.view(now_s),
             None => {
+                self.keep_aim();
                 let (navigator, around) = (&mut self.navigator, self.live.surroundings(&self.picks));
                 navigator.step(now_s, size_px, &around)
             }
@@ -337,7 +370,7 @@ impl Stage {
             view: *view,
             cursor,
             cursor_error_m: cursor.and_then(|cursor| around.ground_error_m(cursor.lat_rad, cursor.lon_rad)),
-            middle: wants_places.then(|| place(middle_px)).flatten(),
+            middle: place(middle_px),
             above_ground_m: around.ground_m(eye.lat_rad, eye.lon_rad).map(|ground_m| eye.height_m - ground_m),
             frame_times: &self.frame_times,
             report: &self.report,
@@ -462,8 +495,12 @@ impl Stage {
             Action::Reset => self.navigate(NavInput::Reset),
             Action::Stop => self.navigate(NavInput::Stop),
             Action::Screenshot => self.picture_asked = true,
-            Action::Record(true) => self.recorder = Some(Recorder::start(self.now_s(), FOV_Y_RAD)),
+            Action::Record(true) => {
+                let now_s = self.now_s();
+                self.recorder = Some(Recorder::start(now_s, self.view(now_s).fov_y_rad));
+            }
             Action::Record(false) => self.end_recording(),
+            Action::Replay(_) if self.replay.is_some() => self.end_replay(),
             Action::Replay(true) => match self.last_path.clone() {
                 Some(path) => self.replay = Some(Replay::start(path, self.now_s())),
                 None => self.say(MessageKind::Failed, "there is no recording yet: Shift-P starts one".into()),
@@ -481,12 +518,29 @@ impl Stage {
     }
 
     fn fly_to_place(&mut self, place: Place) {
-        let ground_m = self.live.surroundings(&self.picks).ground_m(place.lat_rad, place.lon_rad).unwrap_or(0.0);
-        let target = Geodetic { lat_rad: place.lat_rad, lon_rad: place.lon_rad, height_m: ground_m };
-        let distance_m = place.above_ground_m.map_or(TYPED_DISTANCE_M, |m| m / -TYPED_PITCH_RAD.sin());
+        let aim = Aim { place, ground_m: self.ground_m(place) };
         let heading_rad = self.pose().heading_rad;
-        let destination = Destination::looking_at(target, distance_m, heading_rad, TYPED_PITCH_RAD);
-        self.navigate(NavInput::FlyTo(destination));
+        self.navigate(NavInput::FlyTo(aim.destination(heading_rad)));
+        self.aim = Some(aim);
+    }
+
+    fn ground_m(&self, place: Place) -> f64 {
+        self.live.surroundings(&self.picks).ground_m(place.lat_rad, place.lon_rad).unwrap_or(0.0)
+    }
+
+    /// From afar only coarse ground is known of a place: once there, the height over the ground is put right.
+    fn keep_aim(&mut self) {
+        let Some(aim) = self.aim.filter(|_| self.navigator.flight().is_none()) else { return };
+        let ground_m = self.ground_m(aim.place);
+        let settled = self.live.list().is_some_and(|list| list.selection.stats.pages_missing == 0);
+        if (ground_m - aim.ground_m).abs() > AIM_SLACK * aim.distance_m() {
+            let aim = Aim { ground_m, ..aim };
+            let heading_rad = self.pose().heading_rad;
+            self.navigate(NavInput::FlyTo(aim.destination(heading_rad)));
+            self.aim = Some(aim);
+        } else if settled {
+            self.aim = None;
+        }
     }
 
     /// Shows a flight from a file.
@@ -500,14 +554,29 @@ impl Stage {
         }
     }
 
-    /// Saves a recording that is under way.
-    pub fn end_recording(&mut self) {
-        let Some(path) = self.recorder.take().and_then(Recorder::finish) else { return };
-        match super::files::save_recording(&path) {
-            Ok(file) => self.say(MessageKind::Done, format!("saved {}", file.display())),
-            Err(error) => self.say(MessageKind::Failed, error.to_string()),
+    fn end_recording(&mut self) {
+        match self.save_recording() {
+            None => {}
+            Some(Ok(said)) => self.say(MessageKind::Done, said),
+            Some(Err(said)) => self.say(MessageKind::Failed, said),
         }
+    }
+
+    /// Saves a recording that is under way; tells where it lies or why it does not.
+    fn save_recording(&mut self) -> Option<Result<String, String>> {
+        let path = self.recorder.take().and_then(Recorder::finish)?;
+        let saved = super::files::save_recording(&path);
         self.last_path = Some(path);
+        Some(saved.map(|file| format!("saved {}", file.display())).map_err(|error| error.to_string()))
+    }
+
+    /// Ends what is under way before the window closes: a recording, a picture on its way. Tells what became of it.
+    pub fn finish(&mut self) -> Vec<String> {
+        let recorded = self.save_recording().map(|saved| saved.unwrap_or_else(|said| said));
+        if self.live.renderer().has_picture_pending() && self.live.renderer().finish().is_ok() {
+            self.tell_news();
+        }
+        recorded.into_iter().collect()
     }
 }
 

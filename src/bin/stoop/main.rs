@@ -19,7 +19,7 @@ use std::time::Instant;
 
 /// Flies from the whole Earth to a doorstep over worlds that stoop-prepare made.
 #[derive(Parser)]
-#[command(name = "stoop", version, args_conflicts_with_subcommands = true, after_help = EXAMPLES)]
+#[command(name = "stoop", version, args_conflicts_with_subcommands = true, after_help = help())]
 struct Arguments {
     #[command(subcommand)]
     command: Option<Command>,
@@ -37,6 +37,13 @@ Examples:
   stoop fly tiles/default/world --path tiles/default/helsinki.json --frames pictures --every-secs 1
   stoop shot tiles/default/world --lon-deg 24.95 --lat-deg 60.17 --height-m 2000 --pitch-deg -60 --out city.png
   stoop info tiles/default/world";
+
+fn help() -> String {
+    #[cfg(feature = "window")]
+    return format!("{EXAMPLES}\n\nIn the window:\n{}", view::controls());
+    #[cfg(not(feature = "window"))]
+    EXAMPLES.to_owned()
+}
 
 #[derive(Subcommand)]
 enum Command {

@@ -25,8 +25,8 @@ pub struct Arguments {
     /// Size of the window, logical pixels [default: as it was last]
     #[arg(long)]
     size: Option<cli::SizePx>,
-    /// Allowed screen-space error, pixels [default: as it was last, at first 1]
-    #[arg(long, value_parser = cli::positive)]
+    /// Allowed screen-space error, pixels, 0.25 to 16 [default: as it was last, at first 1]
+    #[arg(long, value_parser = tolerance_px)]
     tolerance_px: Option<f64>,
     /// Hard limit of the bytes held for pages, GPU arenas, decoding and index [default: as it was last, at first 256MiB]
     #[arg(long, value_parser = cli::bytes)]
@@ -34,7 +34,7 @@ pub struct Arguments {
     /// Frame time to hold by drawing coarser, milliseconds, or off [default: as it was last, at first 33]
     #[arg(long, value_name = "MS|off", value_parser = frame_ms)]
     frame_ms: Option<FrameMs>,
-    /// Show this flight first, JSON; any key or click ends it
+    /// Show this flight first, JSON (one dropped on the window is shown too); any movement by hand ends it, L and Esc too
     #[arg(long, value_name = "FILE")]
     path: Option<PathBuf>,
     /// When the window is closed, write a report of the session here, and frames.csv and timings.csv beside it
@@ -43,6 +43,18 @@ pub struct Arguments {
     /// Make all reads hang from AT seconds on, FOR seconds long: shows what a bad network does
     #[arg(long, value_name = "AT,FOR")]
     stall_secs: Option<Stall>,
+}
+
+fn tolerance_px(text: &str) -> Result<f64, String> {
+    let [low, high] = window::TOLERANCE_PX;
+    let fits = cli::positive(text).ok().filter(|px| (low..=high).contains(px));
+    fits.ok_or_else(|| format!("must be a number from {low} to {high}"))
+}
+
+/// The controls of the window, a line each.
+pub fn controls() -> String {
+    let widest = window::CONTROLS.iter().map(|(keys, _)| keys.chars().count()).max().unwrap_or(0);
+    window::CONTROLS.iter().map(|(keys, does)| format!("  {keys:widest$}  {does}\n")).collect()
 }
 
 /// A frame time, or none.

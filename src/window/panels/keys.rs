@@ -13,10 +13,12 @@ const DIGITS: [Key; BOOKMARK_KEYS] =
 
 /// Answers the keys of this frame, unless a text is being written.
 pub(super) fn answer(ctx: &Context, shown: &Shown<'_>, panels: &mut Panels, actions: &mut Vec<Action>) {
-    if panels.had_text || ctx.text_edit_focused() {
-        return;
-    }
+    let writes = panels.had_text || ctx.text_edit_focused();
     for (key, modifiers) in pressed(ctx) {
+        // Shortcuts that write nothing hold in a text too.
+        if writes && !(key == Key::F11 || key == Key::Q && modifiers.command) {
+            continue;
+        }
         if panels.fly_to.is_some() && key == Key::Escape {
             continue;
         }
@@ -24,10 +26,16 @@ pub(super) fn answer(ctx: &Context, shown: &Shown<'_>, panels: &mut Panels, acti
     }
 }
 
-/// Keys that went down in this frame, without what the keyboard repeats.
+/// Keys whose places on the keyboard fly: whatever letters stand on them, they do nothing else.
+const FLYING: [Key; 6] = [Key::W, Key::A, Key::S, Key::D, Key::E, Key::Q];
+
+/// Keys that went down in this frame, without what the keyboard repeats and those that fly.
 fn pressed(ctx: &Context) -> Vec<(Key, Modifiers)> {
     let of = |event: &Event| match *event {
-        Event::Key { key, pressed: true, repeat: false, modifiers, .. } => Some((key, modifiers)),
+        Event::Key { key, physical_key, pressed: true, repeat: false, modifiers } => {
+            let flies = !modifiers.command && physical_key.is_some_and(|place| FLYING.contains(&place));
+            (!flies).then_some((key, modifiers))
+        }
         _ => None,
     };
     ctx.input(|input| input.events.iter().filter_map(of).collect())
