@@ -159,6 +159,16 @@ fn limits_change_while_flying() {
     until(&mut live, &view, &mut t_s, |live, report| {
         report.tolerance_drawn_px >= 4.0 && report.footprint_bytes <= least.0 && is_sharp(live, &view)
     });
+    // What went out of the arenas leaves room: an eye that moves on gets its pages, and the globe stays.
+    for heading_rad in [1.0, 3.0, 5.0] {
+        let moved = turned(&view, heading_rad, -1.2);
+        until(&mut live, &moved, &mut t_s, |live, report| {
+            assert!(report.footprint_bytes <= least.0, "{report:?}");
+            assert!(live.list().unwrap().pages.terrain.resident >= 32, "the coarsest pages stay");
+            is_sharp(live, &moved)
+        });
+        assert_eq!(sky_px(&mut live, &moved), 0);
+    }
     assert!(live.set_params(EngineParams { footprint: ByteSize(1 << 20), ..tight }).is_err());
     live.set_params(EngineParams::default()).unwrap();
     until(&mut live, &view, &mut t_s, |live, _| is_sharp(live, &view) && pages(live) >= fine_pages);

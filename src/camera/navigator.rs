@@ -250,6 +250,8 @@ impl Navigator {
         self.stop();
         self.walk.stop();
         if let Some(to) = sane(to).filter(|_| now_s.is_finite()) {
+            // All else has stopped: what went by before is nothing to make up for.
+            self.last_s = Some(self.last_s.map_or(now_s, |last_s| last_s.max(now_s)));
             self.gesture = Gesture::Flight(FlyTo::new(self.pose, to, now_s, Clearance::new(around)));
         }
     }

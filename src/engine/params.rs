@@ -70,6 +70,8 @@ pub enum EngineError {
     FootprintTooSmall { asked: ByteSize, least: ByteSize },
     #[error("cannot start the scene thread: {0}; close other programs")]
     Thread(std::io::Error),
+    #[error("the scene thread ended unexpectedly, with a message on the terminal; start again")]
+    SceneEnded,
     #[error(transparent)]
     Manager(#[from] ManagerError),
     #[error(transparent)]

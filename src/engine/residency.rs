@@ -128,7 +128,8 @@ impl Residency {
         self.server = usual;
     }
 
-    /// Takes in what has arrived: all of it, in live runs no more than the upload budget.
+    /// Takes in what has arrived: all of it; in live runs no more than the upload budget, where a window's render
+    /// thread does not keep to that itself.
     /// Gives the number of reads that ended and pages that became drawable.
     pub fn receive(&mut self, now_s: f64, sink: &mut dyn PageSink) -> usize {
         let mut taken_bytes = 0;
@@ -248,7 +249,9 @@ impl Residency {
     /// Tells the request manager what is wanted and passes on its commands; true when a page that `selection` draws
     /// was dropped, so that it must be made again.
     pub fn manage(&mut self, selection: &Selection, now_s: f64, sink: &mut dyn PageSink) -> bool {
-        let pool = self.partition.pool_bytes(self.fragmented_bytes(sink));
+        // What is on its way out is no fragmentation: the pool would shrink by it, and more would have to go.
+        let stays = self.fragmented_bytes(sink).saturating_sub(sink.usage().leaving);
+        let pool = self.partition.pool_bytes(stays);
         self.manager.set_limits(Limits { footprint_bytes: pool, ..self.limits });
         let orders = self.command(&selection.demands, now_s);
         let drawn: HashSet<PageId> =
@@ -304,7 +307,7 @@ impl Residency {
     fn drop_page(&mut self, page: PageId, sink: &mut dyn PageSink) {
         self.cells.remove(page);
         let held = self.held.remove(&page).unwrap_or_default();
-        sink.remove(page, held.memory);
+        sink.remove(page, held.gpu, held.memory);
         self.gpu_total_bytes -= held.gpu;
         self.usage.dropped(page);
         self.lifts.forget(page);

@@ -21,14 +21,16 @@ pub struct SinkUsage {
     pub meshes: u64,
     /// In memory, of pages that were removed and may still be drawn from.
     pub lent: u64,
+    /// All that removed pages hold until their removal is confirmed, here and in the arenas: it will come back.
+    pub leaving: u64,
 }
 
 pub trait PageSink {
     fn upload(&mut self, page: &Page) -> Handover;
     /// The next page that became drawable, or did not fit, of those that were to come later.
     fn poll(&mut self) -> Option<(PageId, Result<u64, ArenaFull>)>;
-    /// Drops a page; `memory_bytes` is what it takes beside the GPU.
-    fn remove(&mut self, page: PageId, memory_bytes: u64);
+    /// Drops a page that holds so many bytes on the GPU and beside it.
+    fn remove(&mut self, page: PageId, gpu_bytes: u64, memory_bytes: u64);
     fn set_lifts(&mut self, page: PageId, lifts_m: &[f32]);
     fn usage(&self) -> SinkUsage;
     /// Waits until the driver lets go of its copies of what was uploaded, where that can be waited for.
@@ -44,7 +46,7 @@ impl PageSink for Renderer {
         None
     }
 
-    fn remove(&mut self, page: PageId, _memory_bytes: u64) {
+    fn remove(&mut self, page: PageId, _gpu_bytes: u64, _memory_bytes: u64) {
         self.remove(page);
     }
 
@@ -53,7 +55,7 @@ impl PageSink for Renderer {
     }
 
     fn usage(&self) -> SinkUsage {
-        SinkUsage { allocated: self.allocated_bytes(), meshes: self.mesh_bytes(), lent: 0 }
+        SinkUsage { allocated: self.allocated_bytes(), meshes: self.mesh_bytes(), lent: 0, leaving: 0 }
     }
 
     fn flush(&mut self) {

@@ -71,13 +71,19 @@ impl DrawnTolerance {
         let before = self.factor;
         let mut chosen = choose(self.factor);
         let mut lack = lacks(&chosen, Aim::Hold);
-        if lack.is_none() && self.factor > 1.0 && lacks(&chosen, Aim::Finer).is_none() {
+        if lack.is_none() && self.factor > 1.0 {
             let finer = (self.factor / STEP).max(1.0);
-            let candidate = choose(finer);
-            if lacks(&candidate, Aim::Finer).is_none() {
-                self.factor = finer;
-                chosen = candidate;
-            }
+            let refused = lacks(&chosen, Aim::Finer).or_else(|| {
+                let candidate = choose(finer);
+                let refused = lacks(&candidate, Aim::Finer);
+                if refused.is_none() {
+                    self.factor = finer;
+                    chosen = candidate;
+                }
+                refused
+            });
+            // What keeps it up now may be another than what raised it.
+            self.lack = refused.unwrap_or(self.lack);
         }
         while let Some(why) = lack
             && self.factor < limit(why)

@@ -77,7 +77,8 @@ const RETRY_FIRST_SECS: f64 = 0.25;
 const RETRY_MAX_SECS: f64 = 30.0;
 /// Failures after which waiting for a page is given up when everything else is there; it is still tried again.
 const ATTEMPTS_TO_SETTLE: u32 = 3;
-/// Failed and broken pages remembered; beyond it the oldest names are forgotten and their pages tried again.
+/// Failed and broken pages remembered; beyond it the first ones in the order of pages are forgotten and tried
+/// again.
 const FAULTS_MAX: usize = 1 << 16;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -302,13 +303,15 @@ impl RequestManager {
         }
     }
 
-    /// Whether a page that is still demanded failed, and its wait is over.
+    /// Whether a page that is still demanded failed, its wait is over, and it can be started.
     pub fn may_retry(&self, now_secs: f64) -> bool {
-        self.faults.iter().any(|(&page, fault)| {
-            matches!(fault, Fault::Failed { retry_at_secs, .. } if now_secs >= *retry_at_secs)
-                && self.is_wanted(page)
-                && !self.slots.contains_key(&page)
-        })
+        let may_start = self.in_flight < self.limits.in_flight && !self.out_of_room;
+        may_start
+            && self.faults.iter().any(|(&page, fault)| {
+                matches!(fault, Fault::Failed { retry_at_secs, .. } if now_secs >= *retry_at_secs)
+                    && self.is_wanted(page)
+                    && !self.slots.contains_key(&page)
+            })
     }
 
     /// Resident pages, those to drop first first: what is not demanded now, by its last demand, then what is only
@@ -354,6 +357,9 @@ impl RequestManager {
                 self.resident_bytes += bytes;
                 self.estimator.learn(event.page.kind, place, bytes);
                 self.faults.remove(&event.page);
+                if let Some(wanted) = self.wanted.get_mut(&event.page) {
+                    wanted.asked_at_secs = None;
+                }
             }
             Completion::Failed => self.note_failure(event.page, now_secs),
             Completion::Broken => {

@@ -51,6 +51,11 @@ impl MeshArena {
     /// Above a lowered limit the least recently drawn meshes go when the next one is cut.
     pub fn set_limit(&mut self, limit_bytes: u64) {
         self.limit_bytes = limit_bytes;
+        if self.bytes > limit_bytes {
+            // What was drawn may go; it is cut again where it is drawn again.
+            self.frame += 1;
+            let _ = self.make_room(0);
+        }
     }
 
     /// What was drawn before may be dropped from now on.

@@ -38,6 +38,11 @@ impl Renderer {
         Ok(renderer)
     }
 
+    /// Leaves the window to another renderer; this one can still draw, and show nothing.
+    pub fn leave_window(&mut self) {
+        self.screen = None;
+    }
+
     /// The window's new size, pixels; with a side of 0 (minimized) nothing is shown. Takes effect when a picture is
     /// next presented.
     pub fn set_size(&mut self, size_px: [u32; 2]) {

@@ -117,6 +117,8 @@ pub struct Stage {
     bookmarks: Vec<Bookmark>,
     credits: Vec<String>,
     footprint_least: ByteSize,
+    /// Of a picture; a larger window stretches it.
+    side_max_px: u32,
 }
 
 impl Stage {
@@ -168,10 +170,12 @@ impl Stage {
             bookmarks: options.bookmarks.clone(),
             credits: options.source.manifest.credits(),
             footprint_least: Live::least_footprint(&options.source),
+            side_max_px: u32::MAX,
             window,
             live,
         };
         let side_px = stage.live.renderer().max_texture_side_px();
+        stage.side_max_px = side_px;
         stage.egui.set_max_texture_side(side_px as usize);
         if stage.last_path.is_some() {
             stage.do_action(Action::Replay(true));
@@ -179,10 +183,11 @@ impl Stage {
         Ok(stage)
     }
 
-    /// A new renderer and new threads for the same window, after the device was lost.
+    /// A new renderer and new threads for the same window, after the device was lost. Waits for the coarsest pages.
     pub fn reopen(&mut self, options: &WindowOptions, notify: Notify) -> Result<(), WindowError> {
         let (params, view) = (*self.live.params(), self.view(self.now_s()));
         self.live.close();
+        self.live.renderer().leave_window();
         self.live = start(&self.window, options, params, view, notify)?;
         let fonts = Overlay::fonts_of(self.egui.egui_ctx());
         self.overlay = Overlay { textures: fonts, ..Overlay::default() };
@@ -223,7 +228,7 @@ impl Stage {
     }
 
     fn size_px(&self) -> [u32; 2] {
-        size_of(&self.window).map(|side| side.max(1))
+        size_of(&self.window).map(|side| side.clamp(1, self.side_max_px))
     }
 
     /// The view at a time, without moving the eye.
@@ -299,8 +304,8 @@ impl Stage {
 
     /// Draws a frame, unless there is nothing to draw into.
     pub fn frame(&mut self) -> Result<Option<Frame>, WindowError> {
-        let size_px = size_of(&self.window);
-        if size_px.contains(&0) || self.occluded {
+        let size_px = self.size_px();
+        if size_of(&self.window).contains(&0) || self.occluded {
             self.last_end = None;
             return Ok(None);
         }

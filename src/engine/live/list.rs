@@ -5,6 +5,7 @@ use crate::content::PageId;
 use crate::engine::scene::Totals;
 use crate::engine::{EngineParams, FrameReport, TimeBudget};
 use crate::paging::{LayerCounts, PageState};
+use crate::render::GpuLimits;
 use crate::select::Selection;
 use std::sync::Arc;
 use std::time::Instant;
@@ -22,6 +23,8 @@ pub struct DisplayList {
     pub(super) awaited_since: Option<Instant>,
     /// Pages of the front that are not resident.
     pub lacking: Vec<(PageId, PageState)>,
+    /// Of the arenas.
+    pub(super) limits: GpuLimits,
     /// Without what only drawing tells; what is counted between frames is in `totals`.
     pub(super) report: FrameReport,
     pub(super) totals: Totals,
@@ -47,6 +50,8 @@ pub(super) enum Change {
 pub(super) struct Order {
     pub view: View,
     pub t_s: f64,
+    /// The real time of it.
+    pub at: Instant,
     pub params: EngineParams,
     pub time: Option<TimeBudget>,
 }

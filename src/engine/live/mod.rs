@@ -113,7 +113,7 @@ impl Live {
         let (to_show, messages) = bounded(MESSAGES_MAX);
         let (wake, woken) = bounded(1);
         let remote = Remote::new(shared.clone(), to_render, from_render);
-        let order = Order { view, t_s: 0.0, params, time: None };
+        let order = Order { view, t_s: 0.0, at: Instant::now(), params, time: None };
         let mut scene_thread = SceneThread {
             scene,
             remote,
@@ -161,8 +161,7 @@ impl Live {
 
     /// From the next order on.
     pub fn set_params(&mut self, params: EngineParams) -> Result<(), EngineError> {
-        let limits = Self::gpu_limits(&self.source, &params)?;
-        self.renderer.set_limits(limits);
+        Self::gpu_limits(&self.source, &params)?;
         self.params = EngineParams { mode: Mode::Live, ..params };
         self.time.frame_ms = self.params.frame_ms.unwrap_or(f64::INFINITY);
         Ok(())
@@ -205,6 +204,9 @@ impl Live {
     /// Draws a view from the newest list and orders the next one; `t_s` must not fall. Waits for nothing.
     pub fn frame(&mut self, view: &View, t_s: f64, pace: Pace) -> Result<FrameReport, EngineError> {
         let started = Instant::now();
+        if self.thread.as_ref().is_some_and(JoinHandle::is_finished) {
+            return Err(EngineError::SceneEnded);
+        }
         self.order(view, t_s, pace);
         let mut timings = FrameTimings::default();
         timed(&mut timings.upload_ms, || {
@@ -245,7 +247,7 @@ impl Live {
         let pad_px = self.last_view.map_or(0, |last| pad_px(&last, view));
         self.last_view = Some(*view);
         let time = self.params.frame_ms.filter(|_| pace == Pace::Moving).map(|_| self.time);
-        let order = Order { view: view.padded(pad_px), t_s, params: self.params, time };
+        let order = Order { view: view.padded(pad_px), t_s, at: Instant::now(), params: self.params, time };
         let asked = (order.view, order.params, pace);
         if self.ordered.replace(asked).is_some_and(|before| before == asked) {
             return;
@@ -276,7 +278,14 @@ impl Live {
                 }
             }
         }
+        self.renderer.set_limits(list.limits);
+        self.tell_usage();
         self.shared.applied.store(list.number, Ordering::Release);
+        let removed = |(number, change): &(u64, Change)| *number > applied && matches!(change, Change::Remove(_));
+        if list.changes.iter().any(removed) {
+            // There is room again.
+            self.wake();
+        }
         if let Some(spent) = self.list.replace(list) {
             drop(self.shared.spent.publish(spent));
         }
@@ -284,7 +293,7 @@ impl Live {
 
     fn take_uploads(&mut self) {
         let applied = self.shared.applied.load(Ordering::Relaxed);
-        let mut taken_bytes = 0;
+        let (mut taken_bytes, mut taken) = (0, false);
         while taken_bytes < UPLOAD_BYTES_PER_FRAME
             && let Some((number, page)) = self.held_over.take().or_else(|| self.uploads.try_recv().ok())
         {
@@ -296,8 +305,9 @@ impl Live {
             taken_bytes += result.unwrap_or(0);
             // The queue holds as many as may be in flight.
             let _ = self.uploaded.try_send((page.id(), result));
+            taken = true;
         }
-        if taken_bytes > 0 {
+        if taken {
             self.wake();
         }
     }

@@ -22,22 +22,35 @@ pub(super) struct Remote {
     published: u64,
     /// Not yet confirmed.
     changes: VecDeque<(u64, Change)>,
-    /// Memory of removed pages that lists up to a number may still draw from.
-    lent: VecDeque<(u64, u64)>,
+    /// Of removed pages that lists before a number may still draw from.
+    leaving: VecDeque<Leaving>,
+}
+
+struct Leaving {
+    number: u64,
+    gpu_bytes: u64,
+    memory_bytes: u64,
 }
 
 impl Remote {
     pub fn new(shared: Arc<Shared>, uploads: Sender<Upload>, uploaded: Receiver<Uploaded>) -> Self {
-        Self { shared, uploads, uploaded, published: 0, changes: VecDeque::new(), lent: VecDeque::new() }
+        Self { shared, uploads, uploaded, published: 0, changes: VecDeque::new(), leaving: VecDeque::new() }
     }
 
     /// The number of the next list, and the changes that it must bring.
     pub fn publish(&mut self) -> (u64, Vec<(u64, Change)>) {
-        let applied = self.shared.applied.load(Ordering::Acquire);
-        self.changes.retain(|&(number, _)| number > applied);
-        self.lent.retain(|&(number, _)| number > applied);
+        self.confirm();
         self.published += 1;
         (self.published, self.changes.iter().cloned().collect())
+    }
+
+    /// Forgets what the render thread has done since; true when removed pages have gone, so that there is room again.
+    pub fn confirm(&mut self) -> bool {
+        let applied = self.shared.applied.load(Ordering::Acquire);
+        let before = self.leaving.len();
+        self.changes.retain(|&(number, _)| number > applied);
+        self.leaving.retain(|page| page.number > applied);
+        self.leaving.len() < before
     }
 
     fn next(&self) -> u64 {
@@ -58,11 +71,11 @@ impl PageSink for Remote {
         self.uploaded.try_recv().ok()
     }
 
-    fn remove(&mut self, page: PageId, memory_bytes: u64) {
+    fn remove(&mut self, page: PageId, gpu_bytes: u64, memory_bytes: u64) {
         let next = self.next();
         self.changes.retain(|(_, change)| !matches!(change, Change::Lift(lifted, _) if *lifted == page));
         self.changes.push_back((next, Change::Remove(page)));
-        self.lent.push_back((next, memory_bytes));
+        self.leaving.push_back(Leaving { number: next, gpu_bytes, memory_bytes });
     }
 
     fn set_lifts(&mut self, page: PageId, lifts_m: &[f32]) {
@@ -72,10 +85,15 @@ impl PageSink for Remote {
     }
 
     fn usage(&self) -> SinkUsage {
+        // Read before what is allocated, which was told before it.
+        let applied = self.shared.applied.load(Ordering::Acquire);
+        let leaving = || self.leaving.iter().filter(|page| page.number > applied);
+        let lent = leaving().map(|page| page.memory_bytes).sum();
         SinkUsage {
             allocated: self.shared.allocated_bytes.load(Ordering::Relaxed),
             meshes: self.shared.mesh_bytes.load(Ordering::Relaxed),
-            lent: self.lent.iter().map(|&(_, bytes)| bytes).sum(),
+            lent,
+            leaving: lent + leaving().map(|page| page.gpu_bytes).sum::<u64>(),
         }
     }
 

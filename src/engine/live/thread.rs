@@ -38,7 +38,7 @@ impl SceneThread {
                 Err(RecvTimeoutError::Disconnected) => return,
                 Ok(()) | Err(RecvTimeoutError::Timeout) => {}
             }
-            let news = self.take_order() | self.receive();
+            let news = self.take_order() | self.receive() | self.remote.confirm();
             if news || self.scene.wants_step(self.now_s()) {
                 self.step();
             }
@@ -53,7 +53,7 @@ impl SceneThread {
 
     fn take_order(&mut self) -> bool {
         let Some(order) = self.shared.orders.take() else { return false };
-        self.ordered = Instant::now();
+        self.ordered = order.at;
         if order.params != self.order.params
             && let Err(error) = self.scene.set_params(order.params)
         {
@@ -99,7 +99,8 @@ impl SceneThread {
         let since = |since_s: f64| Instant::now().checked_sub(Duration::try_from_secs_f64(now_s - since_s).ok()?);
         let awaited_since = manager.awaited_since_secs().and_then(since);
         let (pages, selection) = (manager.page_counts(), chosen.selection);
-        DisplayList { number, view, selection, pages, awaited_since, lacking, report, totals, changes }
+        let limits = self.scene.residency.gpu_limits();
+        DisplayList { number, view, selection, pages, awaited_since, lacking, limits, report, totals, changes }
     }
 
     /// What does not fit into the queue is one of many of its kind.
