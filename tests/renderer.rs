@@ -194,3 +194,21 @@ fn the_gpu_tells_its_time_once_a_frame_is_finished() {
         None => assert!(!renderer.adapter_name().contains("llvmpipe"), "llvmpipe has timestamps"),
     }
 }
+
+#[test]
+fn pictures_move_together_and_stay_as_they_are() {
+    let mut renderer = renderer();
+    let globe = painted_globe(&mut renderer);
+    let seen = view([35.0, 20.0, 1e7], [0.0, -90.0], 60.0, [160, 90]);
+    // Two of three pictures go: the chunks that held them are nearly empty.
+    for (_, piece) in globe.pieces.iter().enumerate().filter(|(at, _)| at % 3 != 0) {
+        renderer.remove(PageId { cell: piece.cell, kind: PageKind::Imagery });
+    }
+    let (before_bytes, (_, before)) = (renderer.allocated_bytes(), picture(&mut renderer, &seen, &globe));
+    (0..8).for_each(|_| renderer.compact());
+    let (_, after) = picture(&mut renderer, &seen, &globe);
+    assert!(before == after);
+    assert!(renderer.allocated_bytes() < before_bytes);
+    renderer.compact();
+    assert!(before == picture(&mut renderer, &seen, &globe).1, "nothing is left to move");
+}

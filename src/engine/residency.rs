@@ -329,12 +329,10 @@ impl Residency {
         self.footprint_max_bytes = self.footprint_max_bytes.max(self.held_bytes(sink));
     }
 
-    /// The highest footprint since the last call; the next one starts from what is held now.
+    /// The highest footprint since the last call, what is held now included.
     pub fn take_footprint_max(&mut self, sink: &dyn PageSink) -> u64 {
         self.measure(sink);
-        let highest = std::mem::take(&mut self.footprint_max_bytes);
-        self.measure(sink);
-        highest
+        std::mem::take(&mut self.footprint_max_bytes)
     }
 
     pub fn gpu_limits(&self) -> GpuLimits {
@@ -348,6 +346,8 @@ impl Residency {
     /// Divides another footprint from the next update on.
     pub fn set_partition(&mut self, partition: Partition) {
         self.partition = partition;
+        // What was held under another limit is none of the new one's.
+        self.footprint_max_bytes = 0;
     }
 }
 

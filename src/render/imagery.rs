@@ -134,6 +134,30 @@ impl ImageryArena {
         }
     }
 
+    /// Moves the pictures of the emptiest chunk into the others and lets it go, if they have room for them.
+    pub fn compact(&mut self, gpu: &Gpu) {
+        let free = |slot: &Option<Chunk>| slot.as_ref().map_or(0, |chunk| chunk.free.len());
+        let spare: usize = self.chunks.iter().map(free).sum();
+        let allocated = (0..self.chunks.len()).filter(|&at| self.chunks[at].is_some());
+        let Some(emptiest) = allocated.max_by_key(|&at| free(&self.chunks[at])) else { return };
+        let unused = free(&self.chunks[emptiest]);
+        let used = self.chunks[emptiest].as_ref().map_or(0, |chunk| chunk.layers() as usize - unused);
+        if spare - unused < used {
+            return;
+        }
+        let Some(leaving) = self.chunks[emptiest].take() else { return };
+        let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
+        for place in self.places.values_mut().filter(|place| place.chunk == emptiest) {
+            let mut others = self.chunks.iter_mut().enumerate();
+            let room =
+                others.find_map(|(at, slot)| slot.as_mut().and_then(|chunk| Some((at, chunk.free.pop()?, chunk))));
+            let Some((at, layer, chunk)) = room else { continue };
+            copy_layer(&mut encoder, (&leaving.texture, place.layer), (&chunk.texture, layer));
+            *place = ImageryPlace { chunk: at, layer };
+        }
+        gpu.queue.submit([encoder.finish()]);
+    }
+
     pub fn remove(&mut self, cell: CellId) {
         let Some(place) = self.places.remove(&cell) else { return };
         let slot = &mut self.chunks[place.chunk];
@@ -143,6 +167,21 @@ impl ImageryArena {
                 *slot = None;
             }
         }
+    }
+}
+
+/// A picture with its mips.
+fn copy_layer(encoder: &mut wgpu::CommandEncoder, from: (&wgpu::Texture, u32), to: (&wgpu::Texture, u32)) {
+    for mip_level in 0..MIP_LEVELS {
+        let side = mip_side(mip_level);
+        let part = |(texture, z)| wgpu::TexelCopyTextureInfo {
+            texture,
+            mip_level,
+            origin: wgpu::Origin3d { x: 0, y: 0, z },
+            aspect: wgpu::TextureAspect::All,
+        };
+        let size = wgpu::Extent3d { width: side, height: side, depth_or_array_layers: 1 };
+        encoder.copy_texture_to_texture(part(from), part(to), size);
     }
 }
 
@@ -168,7 +207,7 @@ fn chunk(gpu: &Gpu, layout: &wgpu::BindGroupLayout, sampler: &wgpu::Sampler, lay
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
         format: FORMAT,
-        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
+        usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST | wgpu::TextureUsages::COPY_SRC,
         view_formats: &[],
     });
     let view = texture.create_view(&wgpu::TextureViewDescriptor {

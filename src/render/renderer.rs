@@ -113,6 +113,11 @@ impl Renderer {
         self.objects.set_limit(limits.objects_bytes);
     }
 
+    /// Gives a chunk of the arena of pictures back where the others can hold what is in it; ask again for more.
+    pub fn compact(&mut self) {
+        self.imagery.compact(&self.gpu);
+    }
+
     /// Time that the GPU took for the newest frame that is known to be finished, milliseconds; without the window's
     /// panels. `None` before the first one, and where the adapter cannot tell.
     pub fn gpu_ms(&mut self) -> Option<f32> {

@@ -279,10 +279,15 @@ impl Live {
             }
         }
         self.renderer.set_limits(list.limits);
+        let is_over = list.report.footprint_bytes > self.params.footprint.0;
+        if is_over {
+            // The limit was lowered, and pages that stay keep chunks that are nearly empty.
+            self.renderer.compact();
+        }
         self.tell_usage();
         self.shared.applied.store(list.number, Ordering::Release);
         let removed = |(number, change): &(u64, Change)| *number > applied && matches!(change, Change::Remove(_));
-        if list.changes.iter().any(removed) {
+        if is_over || list.changes.iter().any(removed) {
             // There is room again.
             self.wake();
         }

@@ -24,6 +24,8 @@ pub(super) struct Remote {
     changes: VecDeque<(u64, Change)>,
     /// Of removed pages that lists before a number may still draw from.
     leaving: VecDeque<Leaving>,
+    /// What the arenas held when last looked at.
+    allocated_bytes: u64,
 }
 
 struct Leaving {
@@ -34,7 +36,15 @@ struct Leaving {
 
 impl Remote {
     pub fn new(shared: Arc<Shared>, uploads: Sender<Upload>, uploaded: Receiver<Uploaded>) -> Self {
-        Self { shared, uploads, uploaded, published: 0, changes: VecDeque::new(), leaving: VecDeque::new() }
+        Self {
+            shared,
+            uploads,
+            uploaded,
+            published: 0,
+            changes: VecDeque::new(),
+            leaving: VecDeque::new(),
+            allocated_bytes: 0,
+        }
     }
 
     /// The number of the next list, and the changes that it must bring.
@@ -44,13 +54,16 @@ impl Remote {
         (self.published, self.changes.iter().cloned().collect())
     }
 
-    /// Forgets what the render thread has done since; true when removed pages have gone, so that there is room again.
+    /// Forgets what the render thread has done since; true when removed pages or chunks have gone, so that there is room
+    /// again.
     pub fn confirm(&mut self) -> bool {
         let applied = self.shared.applied.load(Ordering::Acquire);
         let before = self.leaving.len();
         self.changes.retain(|&(number, _)| number > applied);
         self.leaving.retain(|page| page.number > applied);
-        self.leaving.len() < before
+        let allocated_bytes = self.shared.allocated_bytes.load(Ordering::Relaxed);
+        let shrank = allocated_bytes < std::mem::replace(&mut self.allocated_bytes, allocated_bytes);
+        self.leaving.len() < before || shrank
     }
 
     fn next(&self) -> u64 {
