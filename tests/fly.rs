@@ -184,7 +184,7 @@ fn wrong_usage_is_told_in_one_line() {
         &["fly", "world", "--path", "f", "--footprint", "12MB"],
         &["fly", "world", "--path", "f", "--tolerance-px", "0"],
         &["shot", "world", "--lon-deg", "0", "--lat-deg", "91", "--height-m", "0", "--out", "f"],
-        &[],
+        &["world", "--tolerance-px", "0.1"],
     ] {
         let (code, said) = stoop(arguments);
         assert_eq!((code, said.lines().count()), (2, 1), "{arguments:?}: {said}");
