@@ -173,7 +173,10 @@ impl Display {
 
     /// Input as from hands; each word of `steps` is one of xdotool's.
     fn hands(&self, steps: &str) {
-        let status = Command::new("xdotool").args(steps.split(' ')).env("DISPLAY", &self.name).status().unwrap();
+        // A window that never comes must not keep the test waiting for it.
+        let mut hands = Command::new("timeout");
+        hands.args(["180", "xdotool"]).args(steps.split(' ')).env("DISPLAY", &self.name);
+        let status = hands.status().unwrap();
         assert!(status.success(), "xdotool {steps}");
     }
 
