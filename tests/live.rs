@@ -47,14 +47,13 @@ fn until(live: &mut Live, view: &View, t_s: &mut f64, done: impl Fn(&Live, &Fram
 
 /// Whether the list was made for this very view and lacks nothing.
 fn is_sharp(live: &Live, view: &View) -> bool {
-    live.list().is_some_and(|list| {
-        list.view == *view && list.selection.stats.pages_missing == 0 && list.selection.stats.debt_px == 0.0
-    })
+    let list = live.list();
+    list.view == *view && list.selection.stats.pages_missing == 0 && list.selection.stats.debt_px == 0.0
 }
 
 /// Sky pixels of the present list drawn in another view.
 fn sky_px(live: &mut Live, view: &View) -> usize {
-    let selection = live.list().unwrap().selection.clone();
+    let selection = live.list().selection.clone();
     let renderer = live.renderer();
     renderer.draw(view, &selection, &DrawOptions { aov: true, ..DrawOptions::default() }).unwrap();
     renderer.read_ids().unwrap().into_iter().filter(|&id| id == SKY_ID).count()
@@ -82,7 +81,7 @@ fn a_dive_becomes_sharp_and_stays_in_its_footprint() {
             assert!(report.footprint_bytes <= footprint.0, "{footprint}: {report:?}");
             is_sharp(live, &end)
         });
-        let list = live.list().unwrap();
+        let list = live.list();
         assert!(list.selection.stats.objects_drawn > 0 && list.awaited_s().is_none() && list.lacking.is_empty());
     }
 }
@@ -121,11 +120,11 @@ fn frames_go_on_while_the_store_hangs_and_it_is_told_what_is_missing() {
     let (end, mut t_s) = (dive(1.0, LOW_M, SIZE_PX), 0.0);
     let hung = Instant::now();
     let frames = until(&mut live, &end, &mut t_s, |live, _| {
-        let list = live.list().unwrap();
+        let list = live.list();
         hung.elapsed() > Duration::from_millis(500) && list.view == end && list.awaited_s().is_some_and(|s| s > 0.2)
     });
     assert!(frames > 3, "{frames} frames");
-    let list = live.list().unwrap();
+    let list = live.list();
     assert!(list.pages.total().missing > 0 && !list.lacking.is_empty() && list.selection.stats.debt_px > 0.0);
     // The horizon of coarser pages may lie lower: look down.
     let down = turned(&end, 0.0, -1.2);
@@ -152,7 +151,7 @@ fn limits_change_while_flying() {
     let mut live = live(source(Formulas::default()), EngineParams::default(), view);
     let mut t_s = 0.0;
     until(&mut live, &view, &mut t_s, |live, _| is_sharp(live, &view));
-    let pages = |live: &Live| live.list().unwrap().pages.total().resident;
+    let pages = |live: &Live| live.list().pages.total().resident;
     let (fine_pages, least) = (pages(&live), Live::least_footprint(live.source()));
     let tight = EngineParams { footprint: least, tolerance_px: 4.0, ..EngineParams::default() };
     live.set_params(tight).unwrap();
@@ -164,7 +163,7 @@ fn limits_change_while_flying() {
         let moved = turned(&view, heading_rad, -1.2);
         until(&mut live, &moved, &mut t_s, |live, report| {
             assert!(report.footprint_bytes <= least.0, "{report:?}");
-            assert!(live.list().unwrap().pages.terrain.resident >= 32, "the coarsest pages stay");
+            assert!(live.list().pages.terrain.resident >= 32, "the coarsest pages stay");
             is_sharp(live, &moved)
         });
         assert_eq!(sky_px(&mut live, &moved), 0);
@@ -201,7 +200,7 @@ fn a_frame_time_is_held_while_the_eye_moves_and_not_when_it_rests() {
     assert!(rested);
     let on = turned(&moved, heading_rad + 0.001, view.pose.pitch_rad);
     until(&mut live, &on, &mut t_s, |live, report| {
-        live.list().unwrap().view.pose == on.pose && report.lack == Lack::Time && report.tolerance_drawn_px > 1.5
+        live.list().view.pose == on.pose && report.lack == Lack::Time && report.tolerance_drawn_px > 1.5
     });
 }
 

@@ -11,8 +11,8 @@ const REACH_MAX_PX: usize = 64;
 pub struct Uncovered {
     /// All of them.
     pub pixels: u64,
-    /// Those further inside, and from the picture's edge, than a silhouette may move: drawn error shifts the border against the sky, and is counted
-    /// as error already.
+    /// Those further inside, and from the picture's edge, than a silhouette may move: drawn error shifts the border
+    /// against the sky, and is counted as error already.
     pub holes: u64,
 }
 

@@ -61,7 +61,8 @@ pub struct FrameReport {
     pub timings: FrameTimings,
 }
 
-/// Where a frame's time went, milliseconds of the real clock.
+/// Where a frame's time went, milliseconds of the real clock. In a window the scene thread's part (complete, select,
+/// manage, lift) stands in the first frame that draws its list, and is 0 in the others.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Serialize)]
 pub struct FrameTimings {
     /// From the start of the frame to its pixels.
@@ -80,6 +81,6 @@ pub struct FrameTimings {
 impl FrameTimings {
     /// Time of all stages before the GPU's work.
     pub fn cpu_ms(&self) -> f64 {
-        self.complete_ms + self.select_ms + self.manage_ms + self.lift_ms
+        self.complete_ms + self.select_ms + self.manage_ms + self.lift_ms + self.upload_ms
     }
 }

@@ -18,12 +18,8 @@ pub struct ViewSection {
     #[serde(default)]
     pub heading_deg: f64,
     /// Up from the horizon; straight down by default.
-    #[serde(default = "straight_down_deg")]
+    #[serde(default = "NamedView::straight_down_deg")]
     pub pitch_deg: f64,
-}
-
-fn straight_down_deg() -> f64 {
-    -90.0
 }
 
 impl ViewSection {

@@ -1,6 +1,7 @@
 //! Pictures on the GPU: layers of texture arrays that are allocated and freed in chunks.
 
 use super::device::Gpu;
+use super::pass::picture_layout;
 use super::renderer::ArenaFull;
 use crate::content::{IMAGERY_STORED_PX, ImageryPage};
 use crate::forest::CellId;
@@ -54,7 +55,7 @@ pub(super) fn layer_bytes() -> u64 {
 
 impl ImageryArena {
     pub fn new(gpu: &Gpu, limit_bytes: u64) -> Self {
-        let layout = layout(gpu);
+        let layout = picture_layout(gpu, "imagery", wgpu::TextureViewDimension::D2Array);
         let sampler = gpu.device.create_sampler(&wgpu::SamplerDescriptor {
             label: Some("imagery"),
             mag_filter: wgpu::FilterMode::Linear,
@@ -183,20 +184,6 @@ fn copy_layer(encoder: &mut wgpu::CommandEncoder, from: (&wgpu::Texture, u32), t
         let size = wgpu::Extent3d { width: side, height: side, depth_or_array_layers: 1 };
         encoder.copy_texture_to_texture(part(from), part(to), size);
     }
-}
-
-fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
-    let entry =
-        |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::FRAGMENT, ty, count: None };
-    let texture = wgpu::BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension: wgpu::TextureViewDimension::D2Array,
-        multisampled: false,
-    };
-    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("imagery"),
-        entries: &[entry(0, texture), entry(1, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering))],
-    })
 }
 
 fn chunk(gpu: &Gpu, layout: &wgpu::BindGroupLayout, sampler: &wgpu::Sampler, layers: u32, side: u32) -> Chunk {

@@ -3,6 +3,7 @@
 use super::device::Gpu;
 use super::layout::OVERLAY_WGSL;
 use super::overlay_textures::OverlayTextures;
+use super::pass::{FlatShape, flat_pipeline};
 use egui::epaint::{ImageDelta, Primitive, Vertex};
 use std::ops::Range;
 
@@ -181,32 +182,18 @@ fn pipeline(gpu: &Gpu, format: wgpu::TextureFormat, groups: [&wgpu::BindGroupLay
         step_mode: wgpu::VertexStepMode::Vertex,
         attributes: &ATTRIBUTES,
     };
-    let target = wgpu::ColorTargetState {
-        format,
-        blend: Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
-        write_mask: wgpu::ColorWrites::ALL,
-    };
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("overlay"),
-        layout: Some(&layout),
-        vertex: wgpu::VertexState {
+    flat_pipeline(
+        gpu,
+        &FlatShape {
+            label: "overlay",
+            layout: &layout,
             module: &module,
-            entry_point: Some("vs_main"),
-            compilation_options: Default::default(),
-            buffers: &[Some(vertices)],
+            vertices: Some(vertices),
+            entry: if format.is_srgb() { "fs_linear" } else { "fs_color" },
+            format,
+            blend: Some(wgpu::BlendState::PREMULTIPLIED_ALPHA_BLENDING),
         },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: None,
-        multisample: Default::default(),
-        fragment: Some(wgpu::FragmentState {
-            module: &module,
-            entry_point: Some(if format.is_srgb() { "fs_linear" } else { "fs_color" }),
-            compilation_options: Default::default(),
-            targets: &[Some(target)],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
+    )
 }
 
 #[cfg(test)]

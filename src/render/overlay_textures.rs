@@ -1,6 +1,7 @@
 //! Textures of egui on the GPU.
 
 use super::device::Gpu;
+use super::pass::picture_layout;
 use egui::epaint::{ColorImage, ImageData, ImageDelta};
 use egui::{TextureFilter, TextureId, TextureOptions, TextureWrapMode};
 use std::collections::HashMap;
@@ -20,7 +21,7 @@ pub(super) struct OverlayTextures {
 
 impl OverlayTextures {
     pub fn new(gpu: &Gpu) -> Self {
-        Self { layout: layout(gpu), held: HashMap::new() }
+        Self { layout: picture_layout(gpu, "egui", wgpu::TextureViewDimension::D2), held: HashMap::new() }
     }
 
     pub fn group(&self, id: TextureId) -> Option<&wgpu::BindGroup> {
@@ -121,19 +122,5 @@ fn sampler(gpu: &Gpu, options: TextureOptions) -> wgpu::Sampler {
         address_mode_u: mode,
         address_mode_v: mode,
         ..Default::default()
-    })
-}
-
-fn layout(gpu: &Gpu) -> wgpu::BindGroupLayout {
-    let entry =
-        |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::FRAGMENT, ty, count: None };
-    let texture = wgpu::BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension: wgpu::TextureViewDimension::D2,
-        multisampled: false,
-    };
-    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("egui"),
-        entries: &[entry(0, texture), entry(1, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering))],
     })
 }

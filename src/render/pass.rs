@@ -111,3 +111,60 @@ pub(super) fn storage_layout(gpu: &Gpu, label: &str, count: u32) -> wgpu::BindGr
         .collect();
     gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor { label: Some(label), entries: &entries })
 }
+
+/// A layout of a picture for the fragments, and how it is sampled.
+pub(super) fn picture_layout(
+    gpu: &Gpu,
+    label: &str,
+    view_dimension: wgpu::TextureViewDimension,
+) -> wgpu::BindGroupLayout {
+    let entry =
+        |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::FRAGMENT, ty, count: None };
+    let sample_type = wgpu::TextureSampleType::Float { filterable: true };
+    let texture = wgpu::BindingType::Texture { sample_type, view_dimension, multisampled: false };
+    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
+        label: Some(label),
+        entries: &[entry(0, texture), entry(1, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering))],
+    })
+}
+
+/// What tells one pass over a finished picture from another.
+#[cfg(feature = "window")]
+pub(super) struct FlatShape<'a> {
+    pub label: &'a str,
+    pub layout: &'a wgpu::PipelineLayout,
+    pub module: &'a wgpu::ShaderModule,
+    pub vertices: Option<wgpu::VertexBufferLayout<'a>>,
+    /// Of the fragments' stage.
+    pub entry: &'a str,
+    pub format: wgpu::TextureFormat,
+    pub blend: Option<wgpu::BlendState>,
+}
+
+/// A pipeline without depths, into what a window shows.
+#[cfg(feature = "window")]
+pub(super) fn flat_pipeline(gpu: &Gpu, shape: &FlatShape) -> wgpu::RenderPipeline {
+    let target =
+        wgpu::ColorTargetState { format: shape.format, blend: shape.blend, write_mask: wgpu::ColorWrites::ALL };
+    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
+        label: Some(shape.label),
+        layout: Some(shape.layout),
+        vertex: wgpu::VertexState {
+            module: shape.module,
+            entry_point: Some("vs_main"),
+            compilation_options: Default::default(),
+            buffers: if shape.vertices.is_some() { std::slice::from_ref(&shape.vertices) } else { &[] },
+        },
+        primitive: wgpu::PrimitiveState::default(),
+        depth_stencil: None,
+        multisample: Default::default(),
+        fragment: Some(wgpu::FragmentState {
+            module: shape.module,
+            entry_point: Some(shape.entry),
+            compilation_options: Default::default(),
+            targets: &[Some(target)],
+        }),
+        multiview_mask: None,
+        cache: None,
+    })
+}

@@ -2,6 +2,7 @@
 
 use super::device::Gpu;
 use super::layout::PRESENT_WGSL;
+use super::pass::{FlatShape, flat_pipeline, picture_layout};
 use std::sync::OnceLock;
 
 /// A picture that can be copied.
@@ -39,7 +40,7 @@ pub(super) fn copy(encoder: &mut wgpu::CommandEncoder, picture: &wgpu::Texture, 
 impl PresentPass {
     /// For targets of a format: bytes are copied as they are, or as the colours that they stand for.
     pub fn new(gpu: &Gpu, format: wgpu::TextureFormat) -> Self {
-        let bindings = bindings(gpu);
+        let bindings = picture_layout(gpu, "present", wgpu::TextureViewDimension::D2);
         let module = gpu.device.create_shader_module(wgpu::ShaderModuleDescriptor {
             label: Some("present"),
             source: wgpu::ShaderSource::Wgsl(PRESENT_WGSL.into()),
@@ -67,9 +68,22 @@ impl PresentPass {
         let Some(bound) = &self.bound else { return };
         let is_exact = size_px == [picture.width(), picture.height()];
         let (slot, entry) = if is_exact { (&self.exact, "fs_color") } else { (&self.scaled, "fs_scaled") };
-        pass.set_pipeline(slot.get_or_init(|| pipeline(gpu, &self.layout, &self.module, self.format, entry)));
+        pass.set_pipeline(slot.get_or_init(|| self.pipeline(gpu, entry)));
         pass.set_bind_group(0, &bound.group, &[]);
         pass.draw(0..3, 0..1);
+    }
+
+    fn pipeline(&self, gpu: &Gpu, entry: &str) -> wgpu::RenderPipeline {
+        let shape = FlatShape {
+            label: "present",
+            layout: &self.layout,
+            module: &self.module,
+            vertices: None,
+            entry,
+            format: self.format,
+            blend: None,
+        };
+        flat_pipeline(gpu, &shape)
     }
 
     fn bind(&self, gpu: &Gpu, picture: &wgpu::Texture) -> Bound {
@@ -91,51 +105,6 @@ impl PresentPass {
         });
         Bound { texture: picture.clone(), group }
     }
-}
-
-fn bindings(gpu: &Gpu) -> wgpu::BindGroupLayout {
-    let entry =
-        |binding, ty| wgpu::BindGroupLayoutEntry { binding, visibility: wgpu::ShaderStages::FRAGMENT, ty, count: None };
-    let texture = wgpu::BindingType::Texture {
-        sample_type: wgpu::TextureSampleType::Float { filterable: true },
-        view_dimension: wgpu::TextureViewDimension::D2,
-        multisampled: false,
-    };
-    gpu.device.create_bind_group_layout(&wgpu::BindGroupLayoutDescriptor {
-        label: Some("present"),
-        entries: &[entry(0, texture), entry(1, wgpu::BindingType::Sampler(wgpu::SamplerBindingType::Filtering))],
-    })
-}
-
-fn pipeline(
-    gpu: &Gpu,
-    layout: &wgpu::PipelineLayout,
-    module: &wgpu::ShaderModule,
-    format: wgpu::TextureFormat,
-    entry: &str,
-) -> wgpu::RenderPipeline {
-    let target = wgpu::ColorTargetState { format, blend: None, write_mask: wgpu::ColorWrites::ALL };
-    gpu.device.create_render_pipeline(&wgpu::RenderPipelineDescriptor {
-        label: Some("present"),
-        layout: Some(layout),
-        vertex: wgpu::VertexState {
-            module,
-            entry_point: Some("vs_main"),
-            compilation_options: Default::default(),
-            buffers: &[],
-        },
-        primitive: wgpu::PrimitiveState::default(),
-        depth_stencil: None,
-        multisample: Default::default(),
-        fragment: Some(wgpu::FragmentState {
-            module,
-            entry_point: Some(entry),
-            compilation_options: Default::default(),
-            targets: &[Some(target)],
-        }),
-        multiview_mask: None,
-        cache: None,
-    })
 }
 
 #[cfg(test)]

@@ -22,12 +22,8 @@ pub struct NamedView {
     #[serde(default)]
     pub heading_deg: f64,
     /// −90 to 90, up from the horizon; −90 looks straight down.
-    #[serde(default = "straight_down_deg")]
+    #[serde(default = "NamedView::straight_down_deg")]
     pub pitch_deg: f64,
-}
-
-fn straight_down_deg() -> f64 {
-    -90.0
 }
 
 /// Lowest and highest eye of a named view: from the deepest sea floor to where the Earth is a disc of 7 degrees.
@@ -36,6 +32,11 @@ pub const VIEW_HEIGHT_M: [f64; 2] = [-12_000.0, 100_000_000.0];
 pub const VIEW_NAME_MAX: usize = 64;
 
 impl NamedView {
+    /// Where an eye looks that nobody told otherwise.
+    pub fn straight_down_deg() -> f64 {
+        -90.0
+    }
+
     /// What is wrong with it, in words that name the key.
     pub fn check(&self) -> Result<(), String> {
         if self.name.trim().is_empty() || self.name.chars().count() > VIEW_NAME_MAX {
@@ -62,7 +63,7 @@ impl NamedView {
             lat_deg: place.lat_deg(),
             height_m: place.height_m,
             heading_deg: 0.0,
-            pitch_deg: straight_down_deg(),
+            pitch_deg: Self::straight_down_deg(),
         }
     }
 

@@ -3,6 +3,7 @@
 //! One thread takes the events, moves the eye, and draws the last published list; see [`crate::engine::Live`] for the
 //! others. Frames are drawn when something changed: a window at rest costs nothing.
 
+mod aim;
 mod app;
 mod files;
 mod hands;

@@ -1,5 +1,6 @@
 //! What lives with a window: renderer and threads, the eye, panels; and one frame of it.
 
+use super::aim::Aim;
 use super::hands::{Hands, Taken};
 use super::overlays::{self, Drawn};
 use super::panels::{Action, FrameTimes, MessageKind, Messages, Panels, Place, Playback, Quality, Shown};
@@ -7,7 +8,7 @@ use super::recorder::{Recorder, Replay};
 use super::saver::Saver;
 use super::{WindowError, WindowOptions};
 use crate::camera::{Destination, FlightPath, Held, NavInput, Navigator, Pose, Surroundings, View};
-use crate::engine::{DisplayList, EngineError, EngineParams, FrameReport, Lack, Live, Notify, Pace, PickCache};
+use crate::engine::{EngineError, EngineParams, FrameReport, Lack, Live, Notify, Pace, PickCache};
 use crate::geodesy::Geodetic;
 use crate::render::{Overlay, Presented, Renderer, Skip};
 use crate::units::ByteSize;
@@ -19,12 +20,6 @@ use winit::window::Window;
 
 /// Vertical field of view of the eye.
 const FOV_Y_RAD: f64 = std::f64::consts::FRAC_PI_3;
-/// From how high a place that was typed is looked at, metres, and how steeply; from above the last height straight down.
-const TYPED_DISTANCE_M: f64 = 1000.0;
-const STRAIGHT_DOWN_M: f64 = 100_000.0;
-/// What the ground may differ from what a flight counted with, over the height above it.
-const AIM_SLACK: f64 = 0.02;
-const TYPED_PITCH_RAD: f64 = -std::f64::consts::FRAC_PI_4;
 /// An eye that has been still for this long rests.
 const REST_S: f64 = 0.25;
 /// Of a display that does not tell its rate, and what is believed of one.
@@ -38,29 +33,6 @@ const SKIPPED_WAIT: Duration = Duration::from_millis(100);
 pub struct Bookmark {
     pub name: String,
     pub pose: Pose,
-}
-
-/// A place that was typed, and what ground its flight counted with.
-#[derive(Clone, Copy, Debug)]
-struct Aim {
-    place: Place,
-    ground_m: f64,
-}
-
-impl Aim {
-    fn distance_m(&self) -> f64 {
-        self.place.above_ground_m.unwrap_or(TYPED_DISTANCE_M)
-    }
-
-    /// Looking at the place from the south of the heading; from far above straight down.
-    fn destination(&self, heading_rad: f64) -> Destination {
-        let target = Geodetic { lat_rad: self.place.lat_rad, lon_rad: self.place.lon_rad, height_m: self.ground_m };
-        let height_m = self.distance_m();
-        if height_m > STRAIGHT_DOWN_M {
-            return Destination::looking_at(target, height_m, heading_rad, -std::f64::consts::FRAC_PI_2);
-        }
-        Destination::looking_at(target, height_m / -TYPED_PITCH_RAD.sin(), heading_rad, TYPED_PITCH_RAD)
-    }
 }
 
 /// When the next frame is due.
@@ -382,8 +354,8 @@ impl Stage {
             gpu_ms,
             asked: self.quality(),
             footprint_least: self.footprint_least,
-            pages: list.map(|list| list.pages).unwrap_or_default(),
-            awaited_s: list.and_then(DisplayList::awaited_s),
+            pages: list.pages,
+            awaited_s: list.awaited_s(),
             bytes_read: self.bytes_read,
             world: &self.live.source().manifest.name,
             credits: &self.credits,
@@ -392,13 +364,11 @@ impl Stage {
             playback: self.playback(now_s),
         };
         let mut actions = Vec::new();
-        let (panels, overlays) = (&mut self.panels, self.live.list());
+        let panels = &mut self.panels;
         let output = context.run_ui(input, |ui| {
             actions.extend(panels.show(ui.ctx(), &shown));
-            if let Some(list) = overlays {
-                let drawn = Drawn { view, pieces: &list.selection.pieces, lacking: &list.lacking };
-                overlays::show(ui.ctx(), panels.overlays, &drawn);
-            }
+            let drawn = Drawn { view, pieces: &list.selection.pieces, lacking: &list.lacking };
+            overlays::show(ui.ctx(), panels.overlays, &drawn);
         });
         self.egui.handle_platform_output(&self.window, output.platform_output);
         let pixels_per_point = output.pixels_per_point;
@@ -476,7 +446,7 @@ impl Stage {
         }
         let fades = self.messages.changes_in_s(now_s).map_or(Duration::MAX, Duration::from_secs_f64);
         // While pages are awaited the time shown with them runs on.
-        let waits = self.live.list().and_then(DisplayList::awaited_s).map_or(Duration::MAX, |_| SKIPPED_WAIT);
+        let waits = self.live.list().awaited_s().map_or(Duration::MAX, |_| SKIPPED_WAIT);
         // A picture that was held back for time comes once the eye has rested.
         let rests = if self.report.lack == Lack::Time { Duration::from_secs_f64(REST_S) } else { Duration::MAX };
         let wait = repaint.min(fades).min(waits).min(rests);
@@ -537,8 +507,8 @@ impl Stage {
     fn keep_aim(&mut self) {
         let Some(aim) = self.aim.filter(|_| self.navigator.flight().is_none()) else { return };
         let ground_m = self.ground_m(aim.place);
-        let settled = self.live.list().is_some_and(|list| list.selection.stats.pages_missing == 0);
-        if (ground_m - aim.ground_m).abs() > AIM_SLACK * aim.distance_m() {
+        let settled = self.live.list().selection.stats.pages_missing == 0;
+        if aim.is_off(ground_m) {
             let aim = Aim { ground_m, ..aim };
             let heading_rad = self.pose().heading_rad;
             self.navigate(NavInput::FlyTo(aim.destination(heading_rad)));

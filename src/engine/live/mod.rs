@@ -18,7 +18,7 @@ use super::surroundings::{DrawnGround, PickCache};
 use super::{EngineError, EngineParams, FrameReport, FrameTimings, Mode, Source};
 use crate::camera::View;
 use crate::render::{DrawOptions, GpuLimits, Renderer};
-use crate::select::{OutOfView, Selection};
+use crate::select::OutOfView;
 use crate::units::ByteSize;
 use crossbeam_channel::{Receiver, Sender, bounded};
 use latest::Latest;
@@ -77,7 +77,7 @@ pub struct Live {
     /// Dropped to end the scene thread.
     wake: Option<Sender<()>>,
     thread: Option<JoinHandle<()>>,
-    list: Option<Box<DisplayList>>,
+    list: Box<DisplayList>,
     lifts: LiftCopies,
     /// An upload that waits for its list.
     held_over: Option<Upload>,
@@ -86,8 +86,6 @@ pub struct Live {
     frames: u64,
     last_view: Option<View>,
     ordered: Option<(View, EngineParams, Pace)>,
-    /// What is drawn before the first list.
-    nothing: Selection,
 }
 
 impl Live {
@@ -114,16 +112,10 @@ impl Live {
         let (wake, woken) = bounded(1);
         let remote = Remote::new(shared.clone(), to_render, from_render);
         let order = Order { view, t_s: 0.0, at: Instant::now(), params, time: None };
-        let mut scene_thread = SceneThread {
-            scene,
-            remote,
-            shared: shared.clone(),
-            wake: woken,
-            messages: to_show,
-            notify,
-            order,
-            ordered: Instant::now(),
-        };
+        let mut scene_thread =
+            SceneThread { scene, remote, shared: shared.clone(), wake: woken, messages: to_show, notify, order };
+        tell_usage(&shared, &renderer);
+        let list = Box::new(scene_thread.make_list());
         let mut live = Self {
             time: TimeBudget::new(params.frame_ms.unwrap_or(f64::INFINITY)),
             source,
@@ -135,17 +127,14 @@ impl Live {
             messages,
             wake: Some(wake),
             thread: None,
-            list: None,
+            list,
             lifts: LiftCopies::default(),
             held_over: None,
             counted: Totals::default(),
             frames: 0,
             last_view: None,
             ordered: None,
-            nothing: Selection::default(),
         };
-        live.tell_usage();
-        live.list = Some(Box::new(scene_thread.first_list(view)));
         let named = Builder::new().name("scene".into());
         live.thread = Some(named.spawn(move || scene_thread.run()).map_err(EngineError::Thread)?);
         Ok(live)
@@ -187,13 +176,13 @@ impl Live {
     }
 
     /// What the last frame drew.
-    pub fn list(&self) -> Option<&DisplayList> {
-        self.list.as_deref()
+    pub fn list(&self) -> &DisplayList {
+        &self.list
     }
 
     /// What the last frame drew, to be asked by navigation; `cache` is kept from call to call.
     pub fn surroundings<'a>(&'a self, cache: &'a PickCache) -> DrawnGround<'a> {
-        DrawnGround::new(self.list.as_ref().map_or(&self.nothing, |list| &list.selection), &self.lifts, cache)
+        DrawnGround::new(&self.list.selection, &self.lifts, cache)
     }
 
     /// Messages of failures since the last call.
@@ -209,11 +198,12 @@ impl Live {
         }
         self.order(view, t_s, pace);
         let mut timings = FrameTimings::default();
-        timed(&mut timings.upload_ms, || {
-            self.take_list();
+        let is_new = timed(&mut timings.upload_ms, || {
+            let is_new = self.take_list() || self.frames == 0;
             self.take_uploads();
+            is_new
         });
-        let Some(list) = &self.list else { return Ok(FrameReport::default()) };
+        let list = &self.list;
         let options = DrawOptions { lowest_m: self.source.manifest.height_range_m.0, ..DrawOptions::default() };
         let drawn = timed(&mut timings.render_ms, || self.renderer.draw(view, &list.selection, &options))?;
         timings.frame_ms = started.elapsed().as_secs_f64() * 1000.0;
@@ -224,22 +214,22 @@ impl Live {
         report.triangles = drawn.triangles;
         report.draw_calls = drawn.draw_calls;
         report.footprint_bytes = self.shared.footprint_max_bytes.swap(0, Ordering::Relaxed).max(report.footprint_bytes);
+        // What the scene thread took for a list counts in the first frame that draws it.
+        let scene = if is_new { report.timings } else { FrameTimings::default() };
         report.timings = FrameTimings {
             upload_ms: timings.upload_ms,
             render_ms: timings.render_ms,
             frame_ms: timings.frame_ms,
-            ..report.timings
+            ..scene
         };
         self.frames += 1;
-        self.tell_usage();
+        tell_usage(&self.shared, &self.renderer);
         Ok(report)
     }
 
     /// Tells what a frame like the last one took in all, milliseconds: the next tolerance follows from it.
     pub fn learn(&mut self, took_ms: f64) {
-        if let Some(list) = &self.list {
-            self.time.model.learn(Load::of(&list.selection), took_ms);
-        }
+        self.time.model.learn(Load::of(&self.list.selection), took_ms);
     }
 
     /// Asks for a list of this view, unless the last one asked for is the same.
@@ -263,8 +253,9 @@ impl Live {
         }
     }
 
-    fn take_list(&mut self) {
-        let Some(list) = self.shared.lists.take() else { return };
+    /// False where there is no newer one.
+    fn take_list(&mut self) -> bool {
+        let Some(list) = self.shared.lists.take() else { return false };
         let applied = self.shared.applied.load(Ordering::Relaxed);
         for (_, change) in list.changes.iter().filter(|&&(number, _)| number > applied) {
             match change {
@@ -284,16 +275,15 @@ impl Live {
             // The limit was lowered, and pages that stay keep chunks that are nearly empty.
             self.renderer.compact();
         }
-        self.tell_usage();
+        tell_usage(&self.shared, &self.renderer);
         self.shared.applied.store(list.number, Ordering::Release);
         let removed = |(number, change): &(u64, Change)| *number > applied && matches!(change, Change::Remove(_));
         if is_over || list.changes.iter().any(removed) {
             // There is room again.
             self.wake();
         }
-        if let Some(spent) = self.list.replace(list) {
-            drop(self.shared.spent.publish(spent));
-        }
+        drop(self.shared.spent.publish(std::mem::replace(&mut self.list, list)));
+        true
     }
 
     fn take_uploads(&mut self) {
@@ -317,11 +307,6 @@ impl Live {
         }
     }
 
-    fn tell_usage(&self) {
-        self.shared.allocated_bytes.store(self.renderer.allocated_bytes(), Ordering::Relaxed);
-        self.shared.mesh_bytes.store(self.renderer.mesh_bytes(), Ordering::Relaxed);
-    }
-
     /// Whether uploads wait for the next frame.
     pub fn has_uploads(&self) -> bool {
         self.held_over.is_some() || !self.uploads.is_empty()
@@ -343,6 +328,11 @@ impl Drop for Live {
     fn drop(&mut self) {
         self.close();
     }
+}
+
+fn tell_usage(shared: &Shared, renderer: &Renderer) {
+    shared.allocated_bytes.store(renderer.allocated_bytes(), Ordering::Relaxed);
+    shared.mesh_bytes.store(renderer.mesh_bytes(), Ordering::Relaxed);
 }
 
 /// How much wider the next list must be, given how far the picture moved since the last frame.

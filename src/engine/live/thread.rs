@@ -3,7 +3,6 @@
 use super::list::{DisplayList, Order};
 use super::remote::Remote;
 use super::{Notify, Shared};
-use crate::camera::View;
 use crate::engine::FrameTimings;
 use crate::engine::scene::Scene;
 use crate::paging::PageState;
@@ -26,8 +25,6 @@ pub(super) struct SceneThread {
     pub messages: Sender<String>,
     pub notify: Notify,
     pub order: Order,
-    /// The real time of `order.t_s`.
-    pub ordered: Instant,
 }
 
 impl SceneThread {
@@ -48,12 +45,11 @@ impl SceneThread {
 
     /// Time on the flight's clock: it goes on between orders, for pages that are to be tried again.
     fn now_s(&self) -> f64 {
-        self.order.t_s + self.ordered.elapsed().as_secs_f64()
+        self.order.t_s + self.order.at.elapsed().as_secs_f64()
     }
 
     fn take_order(&mut self) -> bool {
         let Some(order) = self.shared.orders.take() else { return false };
-        self.ordered = order.at;
         if order.params != self.order.params
             && let Err(error) = self.scene.set_params(order.params)
         {
@@ -69,19 +65,14 @@ impl SceneThread {
         self.scene.residency.receive(now_s, &mut self.remote) > 0
     }
 
-    /// The list of a view before the thread runs; what it asks for is under way then.
-    pub fn first_list(&mut self, view: View) -> DisplayList {
-        self.order.view = view;
-        self.make_list()
-    }
-
     fn step(&mut self) {
         let list = self.make_list();
         drop(self.shared.lists.publish(Box::new(list)));
         (self.notify)();
     }
 
-    fn make_list(&mut self) -> DisplayList {
+    /// The list of the newest order; what it asks for is under way then. The first one comes before the thread runs.
+    pub fn make_list(&mut self) -> DisplayList {
         let (view, now_s) = (self.order.view, self.now_s());
         let mut timings = FrameTimings::default();
         let chosen = self.scene.advance(&view, now_s, &mut self.remote, &mut timings);
