@@ -21,8 +21,14 @@ use stoop::select::{Demand, Urgency};
 
 const MIB: u64 = 1 << 20;
 /// Each page by itself.
-const LIMITS: Limits =
-    Limits { footprint_bytes: 64 * MIB, in_flight: 3, read_bytes_per_update: MIB, run_bytes: 0, gap_bytes: 0 };
+const LIMITS: Limits = Limits {
+    footprint_bytes: 64 * MIB,
+    in_flight: 3,
+    pages_in_flight: 1000,
+    read_bytes_per_update: MIB,
+    run_bytes: 0,
+    gap_bytes: 0,
+};
 
 fn page_id(n: u32) -> PageId {
     let cell = CellId::new(Zone::new(18).unwrap(), 10, n % 1024, n / 1024).unwrap();

@@ -2,7 +2,7 @@
 //! (Funkhouser, Séquin 1993, "Adaptive display algorithm for interactive frame rates", §4: cost of what is to be drawn,
 //! predicted from counts; we fit the coefficients instead of measuring them beforehand).
 
-use super::tolerance::Aim;
+use crate::paging::Aim;
 use crate::select::Selection;
 use glam::{DMat3, DVec3};
 

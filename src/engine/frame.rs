@@ -3,11 +3,11 @@
 use super::audit::{Silhouettes, Uncovered, compare, may_have_holes};
 use super::cost::{Load, TimeBudget};
 use super::reader::Source;
-use super::report::{FrameReport, FrameTimings};
-use super::scene::{Scene, Totals, timed};
+use super::scene::{Scene, timed};
 use super::surroundings::{DrawnGround, PickCache};
 use super::{EngineError, EngineParams, FrameRequest, Mode};
 use crate::camera::View;
+use crate::paging::{FrameReport, FrameTimings, Totals};
 use crate::render::{DrawOptions, FrameStats, IdOf, RenderError, Renderer};
 use crate::select::{OutOfView, Selection};
 use std::time::Instant;

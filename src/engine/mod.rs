@@ -15,14 +15,13 @@ mod live;
 mod params;
 mod pick_mesh;
 mod reader;
-mod report;
 mod residency;
 mod scene;
 mod sink;
 mod surroundings;
-mod tolerance;
 mod usage;
 
+pub use crate::paging::{Aim, FrameReport, FrameTimings, Lack};
 pub use cost::{CostModel, Load, TimeBudget};
 pub use footprint::{
     IN_FLIGHT_MAX, MESH_MIN_BYTES, Partition, READ_BYTES_PER_FRAME, SCRATCH_PER_SERVER_BYTES, SLACK_BYTES,
@@ -35,6 +34,4 @@ pub use live::{DisplayList, Live, Notify, Pace};
 pub use params::{EngineError, EngineParams, FrameRequest, Mode};
 pub use pick_mesh::{PICK_MESH_BYTES_MAX, PickWork};
 pub use reader::Source;
-pub use report::{FrameReport, FrameTimings};
 pub use surroundings::{DrawnGround, PickCache};
-pub use tolerance::{Aim, Lack};

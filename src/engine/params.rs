@@ -1,7 +1,7 @@
 //! What a run is asked to be.
 
 use crate::camera::View;
-use crate::paging::{ManagerError, ServerError};
+use crate::paging::{ManagerError, PlannerParams, ServerError};
 use crate::render::RenderError;
 use crate::select::ObjectsMode;
 use crate::units::ByteSize;
@@ -39,6 +39,8 @@ pub struct EngineParams {
     /// Frame time to hold in live runs by drawing coarser, milliseconds.
     pub frame_ms: Option<f64>,
     pub mode: Mode,
+    /// What is fetched, and in which order; settled runs fetch the front alone.
+    pub planner: PlannerParams,
 }
 
 impl Default for EngineParams {
@@ -50,6 +52,7 @@ impl Default for EngineParams {
             footprint: ByteSize(256 << 20),
             frame_ms: None,
             mode: Mode::LockStep,
+            planner: PlannerParams::default(),
         }
     }
 }

@@ -88,6 +88,7 @@ impl Residency {
         let limits = Limits {
             footprint_bytes: partition.pool_bytes(0),
             in_flight: IN_FLIGHT_MAX,
+            pages_in_flight: PAGES_IN_FLIGHT_MAX,
             read_bytes_per_update,
             run_bytes: RUN_BYTES,
             gap_bytes: GAP_BYTES,
@@ -256,12 +257,12 @@ impl Residency {
 
     /// Tells the request manager what is wanted and passes on its commands; true when a page that `selection` draws
     /// was dropped, so that it must be made again.
-    pub fn manage(&mut self, selection: &Selection, now_s: f64, sink: &mut dyn PageSink) -> bool {
+    pub fn manage(&mut self, selection: &Selection, demands: &[Demand], now_s: f64, sink: &mut dyn PageSink) -> bool {
         // What is on its way out is no fragmentation: the pool would shrink by it, and more would have to go.
         let stays = self.fragmented_bytes(sink).saturating_sub(sink.usage().leaving);
         let pool = self.partition.pool_bytes(stays);
         self.manager.set_limits(Limits { footprint_bytes: pool, ..self.limits });
-        let orders = self.command(&selection.demands, now_s);
+        let orders = self.command(demands, now_s);
         let drawn: HashSet<PageId> =
             if orders.evict.is_empty() { HashSet::new() } else { drawn_pages(selection).collect() };
         let mut hurt = false;

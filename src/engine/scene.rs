@@ -6,14 +6,17 @@ use super::levels::DrawnLevels;
 use super::lift::Ground;
 use super::residency::Residency;
 use super::sink::PageSink;
-use super::tolerance::{DrawnTolerance, Lack};
-use super::{EngineError, EngineParams, FrameReport, FrameTimings, Mode, Source};
+use super::{EngineError, EngineParams, Mode, Source};
 use crate::camera::View;
-use crate::select::{OutOfView, SelectParams, Selection, select_raised};
+use crate::paging::{DrawnTolerance, Frame, FrameReport, FrameTimings, KnownWay, Lack, Planner, Totals};
+use crate::select::{Demand, OutOfView, SelectParams, Selection, select_raised};
 use std::time::Instant;
 
 /// How long a settled frame waits for a failed page between tries, on its own clock, seconds.
 const SETTLE_WAIT_S: f64 = 0.25;
+
+/// Frames further apart than this are none of one motion, seconds.
+const STEP_MAX_S: f64 = 0.25;
 
 /// A world, what is resident of it, and what is selected of that.
 pub struct Scene {
@@ -21,6 +24,9 @@ pub struct Scene {
     pub params: EngineParams,
     pub residency: Residency,
     out_of_view: OutOfView,
+    planner: Planner,
+    /// Time of the step before, on the flight's clock, seconds.
+    stepped_s: Option<f64>,
     tolerance: DrawnTolerance,
     /// Holds the frame time, where one is asked for.
     time: Option<TimeBudget>,
@@ -40,18 +46,6 @@ pub struct Chosen {
     pub would_have_waited: bool,
 }
 
-/// Sums since the scene began; what happened in between is the difference of two.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Totals {
-    pub level_switches: u64,
-    pub bytes_read: u64,
-    pub seeks: u64,
-    pub requests: u64,
-    pub cancelled: u64,
-    pub failed: u64,
-    pub evicted: u64,
-}
-
 impl Scene {
     pub fn new(source: Source, params: EngineParams, out_of_view: OutOfView) -> Result<Self, EngineError> {
         let partition = Partition::new(params.footprint, params.mode, &source.index)?;
@@ -61,6 +55,8 @@ impl Scene {
             params,
             residency,
             out_of_view,
+            planner: Planner::new(&params.planner),
+            stepped_s: None,
             tolerance: DrawnTolerance::default(),
             time: None,
             moving_factor: 1.0,
@@ -109,7 +105,10 @@ impl Scene {
             timed(&mut timings.complete_ms, || self.residency.receive(now_s, sink));
             let mut selection = timed(&mut timings.select_ms, || self.choose(view));
             waited.get_or_insert(selection.stats.pages_missing > 0);
-            let hurt = timed(&mut timings.manage_ms, || self.residency.manage(&selection, now_s, sink));
+            let hurt = timed(&mut timings.manage_ms, || {
+                let demands = self.plan(view, &selection, now_s);
+                self.residency.manage(&selection, &demands, now_s, sink)
+            });
             if hurt {
                 selection = timed(&mut timings.select_ms, || self.select_at(view, self.tolerance.factor()));
             }
@@ -127,6 +126,30 @@ impl Scene {
         self.residency.usage.drawn(&selection);
         self.level_switches += u64::from(self.levels.switch(selection.pieces.iter().map(|piece| piece.cell)));
         Chosen { selection, would_have_waited: waited.unwrap_or(false) }
+    }
+
+    /// What to ask for in this step. A settled frame is of no later use, and asks for its front alone.
+    fn plan(&mut self, view: &View, selection: &Selection, now_s: f64) -> Vec<Demand> {
+        if self.params.mode == Mode::Settled {
+            return selection.demands.clone();
+        }
+        let step_s = self.stepped_s.replace(now_s).map_or(0.0, |before_s| (now_s - before_s).clamp(0.0, STEP_MAX_S));
+        let frame = Frame {
+            index: &self.source.index,
+            cells: &self.residency.cells,
+            manager: &self.residency.manager,
+            view,
+            now_s,
+            step_s,
+            params: &self.select_params(),
+            drawn_tolerance_px: self.params.tolerance_px * self.tolerance.factor(),
+        };
+        self.planner.plan(&frame, &selection.demands)
+    }
+
+    /// Tells the way of the eye from now on, where it is known.
+    pub fn set_way(&mut self, known: Option<KnownWay>) {
+        self.planner.set_way(known);
     }
 
     fn is_settled(&mut self) -> bool {
@@ -157,13 +180,17 @@ impl Scene {
         selection
     }
 
-    fn select_at(&self, view: &View, factor: f64) -> Selection {
-        let params = SelectParams {
+    fn select_params(&self) -> SelectParams {
+        SelectParams {
             tolerance_px: self.params.tolerance_px,
             threshold_px: self.params.threshold_px,
             objects: self.params.objects,
             out_of_view: self.out_of_view,
-        };
+        }
+    }
+
+    fn select_at(&self, view: &View, factor: f64) -> Selection {
+        let params = self.select_params();
         select_raised(&self.source.index, &self.residency.cells, view, &params, params.tolerance_px * factor)
     }
 
@@ -197,6 +224,8 @@ impl Scene {
             cancelled: stats.cancelled,
             failed: stats.failed,
             evicted: stats.evicted,
+            front_bytes: stats.front_bytes_started,
+            ahead_bytes: stats.ahead_bytes_started,
         }
     }
 
@@ -204,6 +233,9 @@ impl Scene {
     pub fn set_params(&mut self, params: EngineParams) -> Result<(), EngineError> {
         let partition = Partition::new(params.footprint, params.mode, &self.source.index)?;
         self.residency.set_partition(partition);
+        if params.planner != self.params.planner {
+            self.planner = Planner::new(&params.planner);
+        }
         self.params = EngineParams { mode: self.params.mode, ..params };
         Ok(())
     }
@@ -237,19 +269,6 @@ impl Scene {
             footprint_bytes: self.residency.take_footprint_max(sink),
             ..FrameReport::default()
         }
-    }
-}
-
-impl FrameReport {
-    /// Takes in what happened between two counts.
-    pub(super) fn count(&mut self, before: &Totals, now: &Totals) {
-        self.level_switches = (now.level_switches - before.level_switches) as u32;
-        self.bytes_read = now.bytes_read - before.bytes_read;
-        self.seeks = now.seeks - before.seeks;
-        self.requests = now.requests - before.requests;
-        self.cancelled = now.cancelled - before.cancelled;
-        self.failed = now.failed - before.failed;
-        self.evicted = now.evicted - before.evicted;
     }
 }
 

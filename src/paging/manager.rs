@@ -32,8 +32,9 @@ use std::collections::{BTreeMap, HashMap};
 pub struct Limits {
     /// All bytes held: decoded pages, GPU parts, reads under way.
     pub footprint_bytes: u64,
-    /// Ranges under way.
+    /// Ranges under way, and pages in them.
     pub in_flight: usize,
+    pub pages_in_flight: usize,
     /// Bytes that one update may start to read.
     pub read_bytes_per_update: u64,
     /// Longest range that is read at once for pages that lie together, bytes; a page longer than this is read alone.
@@ -285,7 +286,7 @@ impl RequestManager {
         let mut waiting = None;
         let mut predicted = None;
         for demand in demands {
-            if self.reads.len() >= self.limits.in_flight || self.read_credit <= 0 {
+            if !self.may_start_more() || self.read_credit <= 0 {
                 break;
             }
             if !self.may_start(demand.page, now_secs) {
@@ -336,11 +337,13 @@ impl RequestManager {
     /// Starts a page, and with it those that lie beside it, as far as there is room for them without dropping anything.
     fn start(&mut self, demand: &Demand, waiting: &mut Waiting, now_secs: f64, commands: &mut Vec<Command>) {
         let mut room = self.plan_bytes() - self.held_bytes();
+        let mut places = self.limits.pages_in_flight - self.under_way.len();
         let estimator = self.estimator;
         let run = waiting.take_run(demand, &self.limits, |page, place| {
             let bytes = estimator.bytes(page.kind, place);
-            let fits = bytes <= room;
+            let fits = bytes <= room && places > 0;
             room -= if fits { bytes } else { 0 };
+            places -= usize::from(fits);
             fits
         });
         let read = self.next_read;
@@ -374,6 +377,10 @@ impl RequestManager {
         }
     }
 
+    fn may_start_more(&self) -> bool {
+        self.reads.len() < self.limits.in_flight && self.under_way.len() < self.limits.pages_in_flight
+    }
+
     fn may_start(&self, page: PageId, now_secs: f64) -> bool {
         !self.residents.contains(page) && !self.under_way.contains_key(&page) && self.may_try(page, now_secs)
     }
@@ -388,8 +395,8 @@ impl RequestManager {
 
     /// Whether a page that is still demanded failed, its wait is over, and it can be started.
     pub fn may_retry(&self, now_secs: f64) -> bool {
-        let may_start = self.reads.len() < self.limits.in_flight && !self.out_of_room;
-        may_start
+        self.may_start_more()
+            && !self.out_of_room
             && self.faults.iter().any(|(&page, fault)| {
                 matches!(fault, Fault::Failed { .. }) && self.is_wanted(page) && self.may_start(page, now_secs)
             })

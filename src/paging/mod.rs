@@ -2,20 +2,30 @@
 //! policy.
 
 mod estimate;
+mod forecast;
 mod manager;
 mod order;
 mod pace;
+mod planner;
+pub mod policy;
+mod report;
 mod servers;
 mod slow;
+mod tolerance;
 
+pub use forecast::{Forecast, Forecaster, KnownWay, Predicted};
 pub use manager::{
     Command, Completion, Event, LayerCounts, Limits, ManagerError, ManagerStats, PageCounts, PageState, RangeRead,
     RequestManager, least_footprint_bytes,
 };
 pub use order::{is_front, ranked, service_order};
 pub use pace::Pace;
+pub use planner::{Frame, Planner, PlannerParams};
+pub use policy::{PolicyName, PolicyParams, UnknownPolicy};
+pub use report::{FrameReport, FrameTimings, Totals};
 pub use servers::{
     Delivery, InlineServer, Outcome, PageReader, PageServer, ReadError, SHUTDOWN_WAIT, ServerError, ServerLimits,
     ThreadedServers,
 };
 pub use slow::{Gate, SlowReader, Stall, StallError};
+pub use tolerance::{Aim, DrawnTolerance, Lack};

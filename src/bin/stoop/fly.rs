@@ -4,6 +4,7 @@ mod outputs;
 mod schedule;
 
 use crate::cli::{self, NotYet, WrongUsage};
+use anyhow::Context;
 use clap::ValueEnum;
 use outputs::Outputs;
 pub use outputs::write_aov;
@@ -13,6 +14,7 @@ use std::process::ExitCode;
 use std::time::Instant;
 use stoop::camera::{FlightPath, View};
 use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode};
+use stoop::paging::{PlannerParams, PolicyName, PolicyParams};
 use stoop::record::{FlightHeader, FlightLog};
 use stoop::select::ObjectsMode;
 use stoop::units::ByteSize;
@@ -38,6 +40,8 @@ Examples:
   stoop fly WORLD --path dive.json --frames pictures --at-secs 0,12,18 --report report.json
   stoop fly WORLD --path dive.json --live --size 1280x720 --footprint 512MiB --report live.json
   stoop fly WORLD --path dive.json --settled --tolerance-px 0.25 --frames reference --every-secs 1";
+
+const PARAMS_EXAMPLE: &str = r#"{"foresight": {"reach_s": 2}}"#;
 
 #[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
 enum ObjectsArgument {
@@ -74,16 +78,17 @@ pub struct Arguments {
     /// Seconds from frame to frame [default: 1/hz of the flight; not with --live]
     #[arg(long, value_name = "S", value_parser = cli::positive, conflicts_with = "live")]
     step_secs: Option<f64>,
-    /// What is fetched ahead: demand is the front only (the other policies are not in this version)
-    #[arg(long, value_name = "NAME", default_value = "demand")]
-    policy: String,
-    /// A policy's parameters (not in this version)
+    /// What is fetched, and in which order: demand (the front only), front, range, vgis, foresight, oracle (knows the
+    /// path)
+    #[arg(long, value_name = "NAME", default_value_t)]
+    policy: PolicyName,
+    /// Parameters of policies, JSON: {"foresight": {"reach_s": 2}}; what is left out has its default
     #[arg(long, value_name = "FILE")]
     policy_params: Option<PathBuf>,
     /// A single-seek layout of the world (not in this version)
     #[arg(long, value_name = "NAME")]
     layout: Option<String>,
-    /// Load intermediate levels too (not in this version)
+    /// Load intermediate levels too, each page after its parent
     #[arg(long)]
     no_level_skip: bool,
     /// Read on demand and wait (not in this version)
@@ -137,16 +142,12 @@ pub struct Arguments {
     report: Option<PathBuf>,
 }
 
-const POLICIES: [&str; 6] = ["demand", "front", "range", "vgis", "foresight", "oracle"];
-
 impl Arguments {
     /// Flags that this version knows by name only must not be passed over in silence.
     fn refuse_later_parts(&self) -> anyhow::Result<()> {
         let later = [
             (self.virtual_storage.is_some(), "--virtual", "fly in lock-step, with --settled or with --live"),
-            (self.policy_params.is_some(), "--policy-params", "leave it away"),
             (self.layout.is_some(), "--layout", "leave it away; the packs are read"),
-            (self.no_level_skip, "--no-level-skip", "leave it away; the policy demand skips no level"),
             (self.sync_reads, "--sync-reads", "use --settled, which waits in every frame"),
             (self.storage.is_some(), "--storage", "leave it away; the disk is read as fast as it goes"),
             (self.faults.is_some(), "--faults", "leave it away"),
@@ -156,11 +157,7 @@ impl Arguments {
                 return Err(NotYet::new(flag, instead).into());
             }
         }
-        match self.policy.as_str() {
-            "demand" => Ok(()),
-            known if POLICIES.contains(&known) => Err(NotYet::new(format!("--policy {known}"), "use demand").into()),
-            other => Err(WrongUsage(format!("there is no policy {other:?}: use demand")).into()),
-        }
+        Ok(())
     }
 
     fn check_combinations(&self) -> anyhow::Result<()> {
@@ -189,8 +186,22 @@ impl Arguments {
         self.audit.unwrap_or(u32::from(self.frames.is_some() && !self.live))
     }
 
-    fn params(&self) -> EngineParams {
-        EngineParams {
+    fn planner(&self) -> anyhow::Result<PlannerParams> {
+        let params = match &self.policy_params {
+            None => PolicyParams::default(),
+            Some(file) => {
+                let text = std::fs::read_to_string(file)
+                    .with_context(|| format!("cannot read the policies' parameters {}", file.display()))?;
+                serde_json::from_str(&text).with_context(|| {
+                    format!("{}: no parameters of policies; write for example {PARAMS_EXAMPLE}", file.display())
+                })?
+            }
+        };
+        Ok(PlannerParams { policy: self.policy, params, level_skip: !self.no_level_skip })
+    }
+
+    fn params(&self) -> anyhow::Result<EngineParams> {
+        Ok(EngineParams {
             tolerance_px: self.tolerance_px,
             threshold_px: self.threshold_px.first().copied().unwrap_or(1.0),
             objects: match self.objects {
@@ -202,7 +213,8 @@ impl Arguments {
             footprint: self.footprint,
             frame_ms: self.frame_ms,
             mode: self.mode(),
-        }
+            planner: self.planner()?,
+        })
     }
 
     fn picture_times(&self) -> PictureTimes {
@@ -221,7 +233,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let path = FlightPath::load(&arguments.path)?;
     let opened = Instant::now();
     let source = cli::open(&arguments.world)?;
-    let engine = Engine::new(source, arguments.params())?;
+    let engine = Engine::new(source, arguments.params()?)?;
     let step_s = arguments.step_secs.unwrap_or(1.0 / path.hz());
     let mut flight = Flight {
         outputs: Outputs::create(&arguments, step_s)?,
@@ -246,7 +258,7 @@ fn header(arguments: &Arguments, path: &FlightPath, engine: &Engine) -> FlightHe
     FlightHeader {
         world: engine.source().manifest.name.clone(),
         mode: engine.mode().name().to_owned(),
-        policy: arguments.policy.clone(),
+        policy: arguments.policy.to_string(),
         size_px: arguments.size.0,
         tolerance_px: arguments.tolerance_px,
         footprint_limit_bytes: arguments.footprint.0,

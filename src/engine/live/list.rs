@@ -2,8 +2,8 @@
 
 use crate::camera::View;
 use crate::content::PageId;
-use crate::engine::scene::Totals;
 use crate::engine::{EngineParams, FrameReport, TimeBudget};
+use crate::paging::Totals;
 use crate::paging::{LayerCounts, PageState};
 use crate::render::GpuLimits;
 use crate::select::Selection;

@@ -11,12 +11,13 @@ mod remote;
 mod thread;
 
 use super::cost::{Load, TimeBudget};
-use super::footprint::{IN_FLIGHT_MAX, Partition, UPLOAD_BYTES_PER_FRAME};
+use super::footprint::{PAGES_IN_FLIGHT_MAX, Partition, UPLOAD_BYTES_PER_FRAME};
 use super::lift::LiftCopies;
-use super::scene::{Scene, Totals, timed};
+use super::scene::{Scene, timed};
 use super::surroundings::{DrawnGround, PickCache};
 use super::{EngineError, EngineParams, FrameReport, FrameTimings, Mode, Source};
 use crate::camera::View;
+use crate::paging::Totals;
 use crate::render::{DrawOptions, GpuLimits, Renderer};
 use crate::select::OutOfView;
 use crate::units::ByteSize;
@@ -106,8 +107,8 @@ impl Live {
         let mut scene = Scene::new(source.clone(), params, OutOfView::Coarse)?;
         scene.load_pinned(&mut renderer);
         let shared = Arc::new(Shared::default());
-        let (to_render, uploads) = bounded(IN_FLIGHT_MAX);
-        let (uploaded, from_render) = bounded(IN_FLIGHT_MAX);
+        let (to_render, uploads) = bounded(PAGES_IN_FLIGHT_MAX);
+        let (uploaded, from_render) = bounded(PAGES_IN_FLIGHT_MAX);
         let (to_show, messages) = bounded(MESSAGES_MAX);
         let (wake, woken) = bounded(1);
         let remote = Remote::new(shared.clone(), to_render, from_render);

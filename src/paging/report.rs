@@ -48,6 +48,10 @@ pub struct FrameReport {
     /// Reads that failed or met a broken page.
     pub failed: u64,
     pub evicted: u64,
+    /// Stored bytes asked for in this frame: of pages that its front lacked, and of those that only later frames are
+    /// expected to need.
+    pub front_bytes: u64,
+    pub ahead_bytes: u64,
     pub in_flight: u64,
     pub resident_pages: u64,
     /// Bytes allocated for pages, GPU arenas, decode scratch and index, at their highest in this frame.
@@ -57,6 +61,10 @@ pub struct FrameReport {
     pub holes: Option<u64>,
     /// The same with the silhouettes.
     pub uncovered_px: Option<u64>,
+    /// Time that a virtual frame waited for its pages, seconds; 0 but where reads are synchronous.
+    pub waited_s: f64,
+    /// The debt that no policy can fall below here, px; `None` where it was not computed.
+    pub debt_bound_px: Option<f64>,
     #[serde(skip)]
     pub timings: FrameTimings,
 }
@@ -82,5 +90,34 @@ impl FrameTimings {
     /// Time of all stages before the GPU's work.
     pub fn cpu_ms(&self) -> f64 {
         self.complete_ms + self.select_ms + self.manage_ms + self.lift_ms + self.upload_ms
+    }
+}
+
+/// Sums since a run began; what happened in between is the difference of two.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Totals {
+    pub level_switches: u64,
+    pub bytes_read: u64,
+    pub seeks: u64,
+    pub requests: u64,
+    pub cancelled: u64,
+    pub failed: u64,
+    pub evicted: u64,
+    pub front_bytes: u64,
+    pub ahead_bytes: u64,
+}
+
+impl FrameReport {
+    /// Takes in what happened between two counts.
+    pub fn count(&mut self, before: &Totals, now: &Totals) {
+        self.level_switches = (now.level_switches - before.level_switches) as u32;
+        self.bytes_read = now.bytes_read - before.bytes_read;
+        self.seeks = now.seeks - before.seeks;
+        self.requests = now.requests - before.requests;
+        self.cancelled = now.cancelled - before.cancelled;
+        self.failed = now.failed - before.failed;
+        self.evicted = now.evicted - before.evicted;
+        self.front_bytes = now.front_bytes - before.front_bytes;
+        self.ahead_bytes = now.ahead_bytes - before.ahead_bytes;
     }
 }

@@ -1,0 +1,332 @@
+//! `foresight`: ours. A page is worth by how much it is expected to lower the detail debt, per byte, integrated over the
+//! views that are expected from the moment on at which it could be drawn.
+//!
+//! Views are foretold for the end of the lead time and some times after it. Each is surveyed: every layer of every
+//! region of its front tells by how much each page of its chain would lower the excess there. Pages that would be passed
+//! before they arrive help in no such view, and so are not asked for; angle, visibility, distance and level all act
+//! through the excess, and none of them needs a weight of its own.
+//!
+//! Where the storage is behind, a coarser page that serves several regions may come first: along each chain, pages are
+//! taken by what the next one takes off per byte, the bytes of a page shared by the regions under it. Where all that is
+//! missing comes at once, they would be read in vain, and the front is asked for directly.
+//!
+//! `oracle` is the same with the path told beforehand, and looks further.
+
+use super::{Policy, Situation};
+use crate::camera::View;
+use crate::content::PageId;
+use crate::forest::index::Place;
+use crate::select::{Demand, FrontRegion, LAYERS, Urgency, layer_of, survey};
+use serde::{Deserialize, Serialize};
+use std::collections::HashMap;
+use std::f64::consts::{FRAC_PI_2, PI};
+
+/// Parameters of [`Foresight`].
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ForesightParams {
+    /// How many views are foretold, and for how long after the lead time, seconds: the first for its end, the others
+    /// ever further apart.
+    pub views: u32,
+    pub reach_s: f64,
+    /// Time constant with which trust in them falls, seconds.
+    pub trust_s: f64,
+    /// Factor on the uncertainty by which they are wider; 0 takes them as certain.
+    pub widen: f64,
+    /// Weight of views to the sides and back, against turns that nothing foretells; 0 leaves them out.
+    pub aside: f64,
+    /// Whether coarser pages may come first where the storage is behind.
+    pub steps: bool,
+    /// What is missing and comes within this time is asked for directly, seconds.
+    pub direct_s: f64,
+    /// Whether the gain counts per byte.
+    pub per_byte: bool,
+    /// Plans are made anew after this time, seconds.
+    pub replan_s: f64,
+}
+
+impl Default for ForesightParams {
+    fn default() -> Self {
+        Self {
+            views: 5,
+            reach_s: 1.5,
+            trust_s: 1.0,
+            widen: 1.0,
+            aside: 0.02,
+            steps: true,
+            direct_s: 0.05,
+            per_byte: true,
+            replan_s: 0.03,
+        }
+    }
+}
+
+impl ForesightParams {
+    /// Times after the lead time for which views are foretold.
+    fn after_s(&self) -> Vec<f64> {
+        let views = self.views.clamp(1, VIEWS_MAX);
+        let last = f64::from(views.max(2) - 1);
+        (0..views).map(|at| self.reach_s * (f64::from(at) / last).powi(2)).collect()
+    }
+
+    /// With the path known there is no doubt, and a longer way to see.
+    pub fn oracle() -> Self {
+        Self { views: 9, reach_s: 8.0, trust_s: 4.0, widen: 0.0, aside: 0.0, ..Self::default() }
+    }
+}
+
+/// Views foretold at most.
+const VIEWS_MAX: u32 = 64;
+/// What a page counts that is held and would not be missed: it is the last to be asked for, and the first to go.
+const KEEP_MIN_PX: f64 = 1e-6;
+
+/// The policy with its last plan.
+pub struct Foresight {
+    params: ForesightParams,
+    is_oracle: bool,
+    plan: Vec<Demand>,
+    planned_s: Option<f64>,
+}
+
+/// What a page of the plan promises.
+#[derive(Clone, Copy, Debug)]
+struct Prospect {
+    place: Place,
+    /// Weight of the regions that it would serve.
+    served: f64,
+    /// Expected fall of debt, px·s.
+    gain: f64,
+    /// Whether a view at the end of the lead time wants it.
+    is_due: bool,
+}
+
+/// A layer of a region of a foretold view.
+struct Wish {
+    layer: usize,
+    /// Share of its layer, times the time that the view stands for, seconds.
+    weight: f64,
+    /// Excess now, px.
+    excess_px: f64,
+    is_due: bool,
+    /// The page that is held, and by how much the excess would rise without it.
+    keeps: Option<(PageId, f64)>,
+    /// Pages that are not held and would lower the excess, coarse to fine, with the excess that they leave.
+    steps: std::ops::Range<usize>,
+}
+
+/// All foretold views.
+#[derive(Default)]
+struct Outlook {
+    wishes: Vec<Wish>,
+    steps: Vec<(PageId, f64)>,
+    pages: HashMap<PageId, Prospect>,
+}
+
+impl Foresight {
+    pub fn new(params: ForesightParams) -> Self {
+        Self { params, is_oracle: false, plan: Vec::new(), planned_s: None }
+    }
+
+    pub fn oracle(params: ForesightParams) -> Self {
+        Self { is_oracle: true, ..Self::new(params) }
+    }
+
+    fn is_due(&self, now_s: f64) -> bool {
+        self.planned_s.is_none_or(|planned_s| now_s < planned_s || now_s - planned_s >= self.params.replan_s - 1e-9)
+    }
+
+    /// Views with the time that each stands for, seconds, discounted by trust; the first is that of the lead time.
+    fn views(&self, situation: &Situation<'_>) -> Vec<(View, f64)> {
+        let after_s = self.params.after_s();
+        let gap_s = |at: usize| match (after_s.get(at), after_s.get(at + 1)) {
+            (Some(from), Some(to)) => (to - from).max(0.0),
+            _ => 0.0,
+        };
+        let sure = situation.forecast.is_known();
+        let mut views = Vec::new();
+        for (at, &after_s) in after_s.iter().enumerate() {
+            let before_s = if at == 0 { 0.0 } else { gap_s(at - 1) };
+            let stands_s = (before_s + gap_s(at)) / 2.0;
+            let trust = if sure && self.is_oracle { 1.0 } else { (-after_s / self.params.trust_s).exp() };
+            let view = situation.forecast.at(situation.lead_s + after_s, self.params.widen).view;
+            views.push((view, stands_s * trust));
+        }
+        let first = situation.forecast.pose(situation.lead_s);
+        if self.params.aside > 0.0 && !sure && first.pitch_rad.cos() > 0.3 {
+            let turned = [FRAC_PI_2, -FRAC_PI_2, PI];
+            let turned = turned.map(|by_rad| (situation.forecast.turned(situation.lead_s, by_rad), self.params.aside));
+            views.extend(turned);
+        }
+        views
+    }
+
+    fn outlook(&self, situation: &Situation<'_>) -> Outlook {
+        let mut outlook = Outlook::default();
+        for (at, (view, weight_s)) in self.views(situation).into_iter().enumerate() {
+            outlook.add_view(situation, &view, weight_s, at == 0);
+        }
+        outlook
+    }
+
+    fn make_plan(&self, situation: &Situation<'_>) -> Vec<Demand> {
+        let mut outlook = self.outlook(situation);
+        let direct = !self.params.steps || outlook.missing_secs(situation) <= self.params.direct_s;
+        outlook.choose(direct);
+        let mut plan: Vec<Demand> = outlook
+            .pages
+            .iter()
+            .filter(|(_, prospect)| prospect.gain > 0.0)
+            .map(|(&page, prospect)| Demand {
+                page,
+                place: prospect.place,
+                urgency: if prospect.is_due { Urgency::Visible } else { Urgency::Predicted },
+                gain: if self.params.per_byte {
+                    prospect.gain / f64::from(prospect.place.len.max(1))
+                } else {
+                    prospect.gain
+                },
+            })
+            .collect();
+        plan.sort_by_key(|demand| demand.page);
+        plan
+    }
+}
+
+impl Policy for Foresight {
+    fn demands(&mut self, situation: &Situation<'_>, front: &[Demand]) -> Vec<Demand> {
+        let frame = &situation.frame;
+        if self.is_due(frame.now_s) {
+            self.plan = self.make_plan(situation);
+            self.planned_s = Some(frame.now_s);
+        }
+        // What is drawn now stays; what is missing now is asked for only where the plan has it.
+        let stays = |demand: &&Demand| {
+            !situation.level_skip || demand.urgency == Urgency::Blocking || frame.manager.is_resident(demand.page)
+        };
+        front.iter().filter(stays).chain(&self.plan).copied().collect()
+    }
+}
+
+impl Outlook {
+    fn add_view(&mut self, situation: &Situation<'_>, view: &View, weight_s: f64, is_due: bool) {
+        let frame = &situation.frame;
+        let first = self.wishes.len();
+        let mut shares = [0.0; LAYERS];
+        survey(frame.index, frame.cells, view, frame.params, frame.drawn_tolerance_px, |region| {
+            shares[layer_of(region.kind)] += region.share;
+            self.add_region(situation, region, is_due);
+        });
+        // As debt does, each layer's shares count against their sum.
+        for wish in &mut self.wishes[first..] {
+            wish.weight *= weight_s / shares[wish.layer].max(1e-12);
+            for (page, _) in &self.steps[wish.steps.clone()] {
+                if let Some(prospect) = self.pages.get_mut(page) {
+                    prospect.served += wish.weight;
+                }
+            }
+        }
+    }
+
+    fn add_region(&mut self, situation: &Situation<'_>, region: &FrontRegion<'_>, is_due: bool) {
+        let (manager, asked_px) = (situation.frame.manager, situation.frame.params.tolerance_px);
+        let page_at = |at: usize| region.chain.get(at).map(|rep| PageId { cell: rep.cell, kind: region.kind });
+        let held = |at: usize| page_at(at).is_some_and(|page| manager.is_held(page));
+        let excess_px = |at: Option<usize>| region.excess_px(region.error_px(at), asked_px);
+        let last = region.front.min(region.chain.len().wrapping_sub(1));
+        if region.front >= region.chain.len() {
+            return;
+        }
+        // The finest that is held, or on its way, is what the next ones are compared with.
+        let mut finest = (0..=last).rev().find(|&at| held(at));
+        if finest.is_none() || region.drawn > finest {
+            finest = region.drawn;
+        }
+        let mut keeps = None;
+        if let Some(at) = finest
+            && let (Some(page), Some(rep)) = (page_at(at), region.chain.get(at))
+        {
+            let without = (0..at).rev().find(|&coarser| held(coarser));
+            self.page(page, rep.place);
+            keeps = Some((page, (excess_px(without) - excess_px(Some(at))).max(KEEP_MIN_PX)));
+        }
+        let from = self.steps.len();
+        let now_px = excess_px(finest);
+        let mut left_px = now_px;
+        for at in finest.map_or(0, |at| at + 1)..=last {
+            let after_px = excess_px(Some(at));
+            if let (Some(page), Some(rep)) = (page_at(at), region.chain.get(at))
+                && after_px < left_px
+            {
+                left_px = after_px;
+                self.page(page, rep.place);
+                self.steps.push((page, after_px));
+            }
+        }
+        let steps = from..self.steps.len();
+        let (layer, weight) = (layer_of(region.kind), region.share);
+        self.wishes.push(Wish { layer, weight, excess_px: now_px, is_due, keeps, steps });
+    }
+
+    fn page(&mut self, page: PageId, place: Place) {
+        self.pages.entry(page).or_insert(Prospect { place, served: 0.0, gain: 0.0, is_due: false });
+    }
+
+    /// How long all that is missing at the end of the lead time would take.
+    fn missing_secs(&self, situation: &Situation<'_>) -> f64 {
+        let mut fronts: Vec<PageId> = self
+            .wishes
+            .iter()
+            .filter(|wish| wish.is_due)
+            .filter_map(|wish| self.steps[wish.steps.clone()].last().map(|step| step.0))
+            .collect();
+        fronts.sort();
+        fronts.dedup();
+        let bytes: f64 = fronts.iter().map(|page| f64::from(self.pages[page].place.len)).sum();
+        bytes / situation.frame.manager.pace().bytes_per_sec()
+    }
+
+    /// Gives each page what it takes off the debt, in the order in which the pages of each chain would be fetched.
+    fn choose(&mut self, direct: bool) {
+        for at in 0..self.wishes.len() {
+            let wish = &self.wishes[at];
+            let (weight, is_due, steps) = (wish.weight, wish.is_due, wish.steps.clone());
+            let mut left_px = wish.excess_px;
+            if let Some((page, keeps_px)) = wish.keeps {
+                self.promise(page, weight * keeps_px, is_due);
+            }
+            let mut next = steps.start;
+            while next < steps.end {
+                let chosen = if direct { steps.end - 1 } else { self.best_step(next..steps.end, left_px) };
+                let (page, after_px) = self.steps[chosen];
+                self.promise(page, weight * (left_px - after_px), is_due);
+                left_px = after_px;
+                next = chosen + 1;
+            }
+        }
+    }
+
+    fn promise(&mut self, page: PageId, gain: f64, is_due: bool) {
+        if let Some(prospect) = self.pages.get_mut(&page) {
+            prospect.gain += gain;
+            prospect.is_due |= is_due;
+        }
+    }
+
+    /// The step that takes off most per byte, where the bytes of a page are shared by the regions under it.
+    fn best_step(&self, steps: std::ops::Range<usize>, left_px: f64) -> usize {
+        let worth = |at: usize| {
+            let (page, after_px) = self.steps[at];
+            let prospect = &self.pages[&page];
+            (left_px - after_px) * prospect.served / f64::from(prospect.place.len.max(1))
+        };
+        let mut best = steps.end - 1;
+        let mut best_worth = worth(best);
+        for at in steps.start..steps.end - 1 {
+            let here = worth(at);
+            if here > best_worth {
+                (best, best_worth) = (at, here);
+            }
+        }
+        best
+    }
+}
