@@ -14,6 +14,8 @@ pub mod prepare;
 pub mod record;
 pub mod render;
 pub mod select;
+pub mod simulate;
+pub mod storage;
 pub mod store;
 pub mod units;
 #[cfg(feature = "window")]

@@ -9,7 +9,6 @@ mod cost;
 mod footprint;
 mod frame;
 mod ground;
-mod levels;
 mod lift;
 mod live;
 mod params;
@@ -19,7 +18,6 @@ mod residency;
 mod scene;
 mod sink;
 mod surroundings;
-mod usage;
 
 pub use crate::paging::{Aim, FrameReport, FrameTimings, Lack};
 pub use cost::{CostModel, Load, TimeBudget};

@@ -6,18 +6,17 @@ use super::footprint::{
 };
 use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::sink::{Handover, PageSink};
-use super::usage::{Usage, drawn_pages};
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::cells::LiveTree;
-use crate::content::{IMAGERY_STORED_PX, Page, PageId, PageKind};
+use crate::content::{Page, PageId, PageKind};
 use crate::forest::Zone;
-use crate::forest::index::{IndexForest, Place};
+use crate::forest::index::Place;
 use crate::paging::{
-    Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PageServer, RangeRead, ReadError,
-    RequestManager, ServerLimits, ThreadedServers,
+    Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PICTURE_GPU_BYTES, PageServer, RangeRead,
+    ReadError, RequestManager, ServerLimits, ThreadedServers, Usage, drawn_pages, pinned_demands,
 };
 use crate::render::{ArenaFull, GpuLimits};
-use crate::select::{Demand, Selection, Urgency};
+use crate::select::{Demand, Selection};
 use std::collections::{HashMap, HashSet};
 
 /// Messages of failures kept for the caller; further ones are only counted.
@@ -44,16 +43,6 @@ struct Orders {
     start: Vec<RangeRead>,
     evict: Vec<PageId>,
 }
-
-/// Bytes of a picture with its mips on the GPU.
-const PICTURE_GPU_BYTES: u64 = {
-    let (mut bytes, mut side) = (0, IMAGERY_STORED_PX as u64);
-    while side > 0 {
-        bytes += 4 * side * side;
-        side /= 2;
-    }
-    bytes
-};
 
 fn is_picture(page: PageId) -> bool {
     page.kind == PageKind::Imagery
@@ -370,18 +359,4 @@ fn memory_bytes(page: &Page) -> u64 {
         Page::Imagery(_) => 0,
         Page::Objects(objects, _) => (objects.byte_len() + objects.objects.len() * LIFT_BYTES_PER_OBJECT) as u64,
     }
-}
-
-fn pinned_demands(index: &IndexForest) -> Vec<Demand> {
-    let roots = index.trees().map(|tree| tree.root());
-    let demand = |page, place| Demand { page, place, urgency: Urgency::Blocking, gain: f64::INFINITY };
-    roots
-        .flat_map(|root| {
-            let cell = root.cell();
-            let terrain = root.terrain().map(|entry| demand(PageId { cell, kind: PageKind::Terrain }, entry.place));
-            let imagery = root.imagery().map(|place| demand(PageId { cell, kind: PageKind::Imagery }, place));
-            [terrain, imagery]
-        })
-        .flatten()
-        .collect()
 }

@@ -2,6 +2,7 @@
 
 mod outputs;
 mod schedule;
+mod virtual_clock;
 
 use crate::cli::{self, NotYet, WrongUsage};
 use anyhow::Context;
@@ -13,10 +14,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 use stoop::camera::{FlightPath, View};
-use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode};
+use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode, Source};
 use stoop::paging::{PlannerParams, PolicyName, PolicyParams};
 use stoop::record::{FlightHeader, FlightLog};
 use stoop::select::ObjectsMode;
+use stoop::storage::{Faults, StorageModel};
 use stoop::units::ByteSize;
 
 const DETAILS: &str = "\
@@ -72,9 +74,9 @@ pub struct Arguments {
     /// Wait in every frame until nothing is left to load
     #[arg(long, group = "mode")]
     settled: bool,
-    /// A virtual clock and a storage model: hdd, ssd, lan, wan or mobile (not in this version)
+    /// Follow a virtual clock over a storage model: hdd, ssd, lan, wan, mobile, or LATENCY_MS,MB_PER_S,PARALLEL
     #[arg(long = "virtual", value_name = "STORAGE", group = "mode")]
-    virtual_storage: Option<String>,
+    virtual_storage: Option<StorageModel>,
     /// Seconds from frame to frame [default: 1/hz of the flight; not with --live]
     #[arg(long, value_name = "S", value_parser = cli::positive, conflicts_with = "live")]
     step_secs: Option<f64>,
@@ -91,16 +93,16 @@ pub struct Arguments {
     /// Load intermediate levels too, each page after its parent
     #[arg(long)]
     no_level_skip: bool,
-    /// Read on demand and wait (not in this version)
-    #[arg(long)]
+    /// Each frame reads what it lacks and waits for it: the baseline to compare with; with --live or --virtual
+    #[arg(long, conflicts_with = "settled")]
     sync_reads: bool,
     /// Throttle live runs to a storage model (not in this version)
     #[arg(long, value_name = "NAME|LATENCY_MS,MB_PER_S,PARALLEL")]
     storage: Option<String>,
-    /// Make reads fail (not in this version)
+    /// Make reads go wrong: errors=SHARE,corrupt=SHARE,spike_ms=MS,spikes=SHARE,die_s=S,revive_s=S,halve_s=S
     #[arg(long, value_name = "SPEC")]
-    faults: Option<String>,
-    /// Seed of --faults and of random policies (no effect in this version)
+    faults: Option<Faults>,
+    /// Seed of --faults
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Allowed screen-space error, pixels of the given size
@@ -146,11 +148,9 @@ impl Arguments {
     /// Flags that this version knows by name only must not be passed over in silence.
     fn refuse_later_parts(&self) -> anyhow::Result<()> {
         let later = [
-            (self.virtual_storage.is_some(), "--virtual", "fly in lock-step, with --settled or with --live"),
             (self.layout.is_some(), "--layout", "leave it away; the packs are read"),
-            (self.sync_reads, "--sync-reads", "use --settled, which waits in every frame"),
             (self.storage.is_some(), "--storage", "leave it away; the disk is read as fast as it goes"),
-            (self.faults.is_some(), "--faults", "leave it away"),
+            (self.faults.is_some() && self.virtual_storage.is_none(), "--faults", "fly with --virtual"),
         ];
         for (used, flag, instead) in later {
             if used {
@@ -233,11 +233,14 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let path = FlightPath::load(&arguments.path)?;
     let opened = Instant::now();
     let source = cli::open(&arguments.world)?;
+    if let Some(storage) = arguments.virtual_storage {
+        return virtual_clock::fly(&arguments, path, source, storage);
+    }
     let engine = Engine::new(source, arguments.params()?)?;
     let step_s = arguments.step_secs.unwrap_or(1.0 / path.hz());
     let mut flight = Flight {
         outputs: Outputs::create(&arguments, step_s)?,
-        log: FlightLog::new(header(&arguments, &path, &engine)),
+        log: FlightLog::new(header(&arguments, &path, engine.source(), engine.mode().name())),
         progress: Progress::new(path.end_s()),
         audit_every: arguments.audit_every(),
         size_px: arguments.size.0,
@@ -253,11 +256,11 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     flight.finish(arguments.report.as_deref())
 }
 
-fn header(arguments: &Arguments, path: &FlightPath, engine: &Engine) -> FlightHeader {
-    let ground = GroundProbe::new(engine.source());
+fn header(arguments: &Arguments, path: &FlightPath, source: &Source, mode: &str) -> FlightHeader {
+    let ground = GroundProbe::new(source);
     FlightHeader {
-        world: engine.source().manifest.name.clone(),
-        mode: engine.mode().name().to_owned(),
+        world: source.manifest.name.clone(),
+        mode: mode.to_owned(),
         policy: arguments.policy.to_string(),
         size_px: arguments.size.0,
         tolerance_px: arguments.tolerance_px,

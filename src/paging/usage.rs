@@ -9,6 +9,7 @@ use std::collections::HashMap;
 pub struct Usage {
     resident: HashMap<PageId, Read>,
     wasted_bytes: u64,
+    drawn_bytes: u64,
 }
 
 #[derive(Debug)]
@@ -39,10 +40,18 @@ impl Usage {
 
     pub fn drawn(&mut self, selection: &Selection) {
         for page in drawn_pages(selection) {
-            if let Some(read) = self.resident.get_mut(&page) {
+            if let Some(read) = self.resident.get_mut(&page)
+                && !read.drawn
+            {
                 read.drawn = true;
+                self.drawn_bytes += read.bytes;
             }
         }
+    }
+
+    /// Bytes of reads that were drawn at least once, so far.
+    pub fn drawn_bytes(&self) -> u64 {
+        self.drawn_bytes
     }
 
     /// Bytes read and never drawn, were the flight to end now.
