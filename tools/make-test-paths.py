@@ -31,8 +31,9 @@ WALK_SEED = 27
 
 # One instant of a flight: seconds, degrees, metres above what it flies over, degrees (headings do not wrap).
 Moment = namedtuple("Moment", "t lon lat above heading pitch")
-# `legs` are lists of moments with a jump between each two; `ease_s` is how long before a rise the eye begins to rise.
-Flight = namedtuple("Flight", "legs ease_s least_above_m arrivals over_roofs", defaults=(False,))
+# `legs` are lists of moments with a jump between each two; `ease_s` is how long before a rise the eye begins to rise;
+# until `level_s` heights count from the ground of that time, so that a dive of any length goes the same way.
+Flight = namedtuple("Flight", "legs ease_s least_above_m arrivals over_roofs level_s", defaults=(False, None))
 
 
 # Places.
@@ -317,12 +318,12 @@ class Walk:
 
 def dive_and_street():
     down = dive(30.0)
-    return Flight([joined(down, over_the_street(down[-1]))], 0.3, 9.0, [30.0])
+    return Flight([joined(down, over_the_street(down[-1]))], 0.3, 9.0, [30.0], level_s=30.0)
 
 
 def dive_and_rest(seconds):
     down = dive(seconds)
-    return Flight([joined(down, rest(down[-1], 5.0))], 0.0, 9.0, [seconds])
+    return Flight([joined(down, rest(down[-1], 5.0))], 0.0, 9.0, [seconds], level_s=seconds)
 
 
 def street_2():
@@ -420,9 +421,12 @@ def with_heights(world, leg, flight):
     below what it flies over."""
     asked = leg[::HZ // GROUND_HZ] + leg[-1:]
     surfaces = [surface_m(answer, flight.over_roofs) for answer in probed(world, [(m.lon, m.lat) for m in asked])]
+    times = [moment.t for moment in asked]
+    if flight.level_s is not None:
+        level_m = between(times, surfaces, flight.level_s)
+        surfaces = [level_m if t <= flight.level_s else surface for t, surface in zip(times, surfaces)]
     reach = math.ceil(flight.ease_s * GROUND_HZ)
     eased = moving(moving(surfaces, reach, max), reach, lambda window: sum(window) / len(window))
-    times = [moment.t for moment in asked]
     return [(moment, moment.above + between(times, eased, moment.t)) for moment in leg]
 
 
