@@ -4,6 +4,7 @@
 
 pub mod camera;
 pub mod cells;
+pub mod chart;
 pub mod content;
 pub mod engine;
 pub mod forest;

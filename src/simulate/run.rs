@@ -430,10 +430,11 @@ impl<'a> Simulation<'a> {
     }
 
     /// What the lower bound of debt may count on at a time since the clock started.
-    pub fn budget(&self, since_s: f64) -> Budget {
+    pub fn budget_of(library: &Library, setup: &Setup, since_s: f64) -> Budget {
+        let fixed_bytes = FIXED_BYTES + library.index.byte_len() as u64;
         Budget {
-            read_bytes: super::bound::bytes_by(&self.setup.storage, since_s),
-            held_bytes: self.setup.footprint.0 - FIXED_BYTES - self.library.index.byte_len() as u64,
+            read_bytes: super::bound::bytes_by(&setup.storage, since_s),
+            held_bytes: setup.footprint.0.saturating_sub(fixed_bytes),
         }
     }
 }
@@ -462,7 +463,8 @@ pub fn fly(
         frame.report.t_s = start_s + since_s;
         if setup.bound {
             let bound = FrameBound::new(&library.index, &view, &setup.select_params());
-            frame.report.debt_bound_px = Some(bound.debt_px(&simulation.budget(since_s + waited_s)));
+            frame.report.debt_bound_px =
+                Some(bound.debt_px(&Simulation::budget_of(library, &setup, since_s + waited_s)));
         }
         if !each(frame, &mut simulation) {
             break;

@@ -254,8 +254,10 @@ impl Outlook {
         let mut left_px = now_px;
         for at in finest.map_or(0, |at| at + 1)..=last {
             let after_px = excess_px(Some(at));
+            // What the front wants comes at last even where it lowers no bound.
+            let is_front = is_due && at == last;
             if let (Some(page), Some(rep)) = (page_at(at), region.chain.get(at))
-                && after_px < left_px
+                && (after_px < left_px || is_front)
             {
                 left_px = after_px;
                 self.page(page, rep.place);
@@ -298,7 +300,7 @@ impl Outlook {
             while next < steps.end {
                 let chosen = if direct { steps.end - 1 } else { self.best_step(next..steps.end, left_px) };
                 let (page, after_px) = self.steps[chosen];
-                self.promise(page, weight * (left_px - after_px), is_due);
+                self.promise(page, weight * (left_px - after_px).max(KEEP_MIN_PX), is_due);
                 left_px = after_px;
                 next = chosen + 1;
             }
