@@ -398,8 +398,9 @@ fn version_1_opens_for_ever() {
     let told: Vec<_> = page.objects.iter().map(|object| (object.id, object.base_m, object.top_m)).collect();
     assert_eq!(told, [(0, 100.0, 112.0), (1000, 100.0, 113.0), (2000, 100.0, 114.0)]);
     assert_eq!(mesh.indices.len(), 3 * 3 * (4 * 2 + 2));
-    let bytes = world.read(objects_id(), world.place(objects_id()).unwrap()).unwrap();
-    assert_eq!(world.attributes(objects_id(), &bytes).unwrap()[2], r#"{"name":"Third","levels":4}"#);
+    let place = world.place(objects_id()).unwrap();
+    let bytes = world.read(objects_id(), place).unwrap();
+    assert_eq!(world.attributes(objects_id(), place, &bytes).unwrap()[2], r#"{"name":"Third","levels":4}"#);
 }
 
 const FIXTURE_HEIGHTS_M: [f64; 4] = [-3063.0978, -1453.7328, 123.0045, 696.2214];

@@ -356,6 +356,7 @@ fn memory_bytes(page: &Page) -> u64 {
     match page {
         Page::Terrain(terrain) => terrain.byte_len() as u64,
         Page::Imagery(_) => 0,
+        Page::Segment(segment) => segment.byte_len() as u64,
         Page::Objects(objects, _) => (objects.byte_len() + objects.objects.len() * LIFT_BYTES_PER_OBJECT) as u64,
     }
 }

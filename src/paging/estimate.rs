@@ -36,6 +36,8 @@ impl Estimator {
     /// Bytes that a page will hold, its stored bytes while they are read included.
     pub fn bytes(&self, kind: PageKind, place: Place) -> u64 {
         let held = match kind {
+            // As long in memory as it is stored, and read into the memory that it stays in.
+            PageKind::Segment => return u64::from(place.len),
             PageKind::Terrain => TERRAIN_BYTES,
             PageKind::Imagery => IMAGERY_BYTES,
             PageKind::Objects { .. } => {
