@@ -37,6 +37,19 @@ pub enum PageKind {
     Segment,
 }
 
+/// Which of a zone's files a page lies in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum PageFile {
+    Pack,
+    Index,
+}
+
+impl PageKind {
+    pub fn file(self) -> PageFile {
+        if self == Self::Segment { PageFile::Index } else { PageFile::Pack }
+    }
+}
+
 /// Names a page of a world.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct PageId {

@@ -103,6 +103,12 @@ impl<'a> Node<'a> {
         Quadrant::ALL.into_iter().filter_map(move |quadrant| node.child(quadrant))
     }
 
+    /// The segment of the child in a quadrant, where the child exists and its segment is not resident.
+    pub fn absent_child(&self, quadrant: Quadrant) -> Option<SegmentRef> {
+        let cell = self.cell.child(quadrant)?;
+        self.absent_children().find(|segment| segment.root == cell)
+    }
+
     /// The segments of those children that exist and are not resident.
     pub fn absent_children(&self) -> impl Iterator<Item = SegmentRef> + use<'a> {
         let node = *self;
