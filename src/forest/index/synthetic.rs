@@ -148,8 +148,12 @@ impl SyntheticForest {
         if cell.level() <= BASE_LEVEL {
             return true;
         }
-        let far_level = cell.ancestor(FAR_ROOT_LEVEL).and_then(|root| self.far.get(&root));
-        far_level.is_some_and(|&finest| cell.level() <= finest) || self.near.has(cell)
+        self.far_finest(cell).is_some_and(|finest| cell.level() <= finest) || self.near.has(cell)
+    }
+
+    /// The finest level of the far subtree that a cell lies in.
+    fn far_finest(&self, cell: CellId) -> Option<u8> {
+        self.far.get(&cell.ancestor(FAR_ROOT_LEVEL)?).copied()
     }
 
     fn build(&self, root: CellId, number: u32, directory: &Directory) -> Option<Segment> {
@@ -168,7 +172,11 @@ impl SyntheticForest {
                 let entry = SegmentEntry { root, offset, nodes, objects: 0, checksum: 0 };
                 offset += entry.byte_len() as u64;
                 entries.push(entry);
-                self.collect(root, root.level() + SEGMENT_LEVELS, &mut below);
+                let level = root.level() + SEGMENT_LEVELS;
+                // What is full down to a coarser level need not be searched.
+                if self.far_finest(root).is_none_or(|finest| level <= finest) {
+                    self.collect(root, level, &mut below);
+                }
             }
             roots = below;
         }
@@ -176,7 +184,7 @@ impl SyntheticForest {
     }
 
     fn count_segment(&self, root: CellId) -> u64 {
-        match root.ancestor(FAR_ROOT_LEVEL).and_then(|root| self.far.get(&root)) {
+        match self.far_finest(root) {
             Some(finest) => full((finest - root.level() + 1).min(SEGMENT_LEVELS)),
             None => count_down(root, root.level() + SEGMENT_LEVELS - 1, &|cell| self.exists(cell)),
         }
