@@ -243,7 +243,7 @@ fn assert_same_where_resident(part: &IndexTree, whole: &IndexTree, cells: &Cells
             assert_eq!(node.child(quadrant).map(|child| child.cell()), child.filter(|_| is_there));
             assert_eq!(node.absent_child(quadrant).map(|absent| absent.root), child.filter(|_| !is_there));
         }
-        let begins_paged = cell.level() > 0 && cell.level() % SEGMENT_LEVELS == 0;
+        let begins_paged = cell.level() > 0 && cell.level().is_multiple_of(SEGMENT_LEVELS);
         assert_eq!(node.paged_segment().map(|segment| segment.root), begins_paged.then_some(cell));
         assert_eq!(same.paged_segment(), None);
     }

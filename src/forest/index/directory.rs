@@ -132,7 +132,7 @@ impl Directory {
         if u32::try_from(self.entries.len()).is_err() {
             return Err(malformed(self.zone.root(), "too many segments"));
         }
-        for pair in self.entries.windows(2).filter(|pair| pair[0].key() >= pair[1].key()) {
+        if let Some(pair) = self.entries.windows(2).find(|pair| pair[0].key() >= pair[1].key()) {
             return Err(malformed(pair[1].root, "out of order"));
         }
         for entry in &self.entries {
@@ -143,7 +143,7 @@ impl Directory {
 
     fn check_entry(&self, entry: &SegmentEntry) -> Result<(), &'static str> {
         let level = entry.root.level();
-        if level % SEGMENT_LEVELS != 0 || entry.root.zone() != self.zone {
+        if !level.is_multiple_of(SEGMENT_LEVELS) || entry.root.zone() != self.zone {
             return Err("a wrong root");
         }
         let nodes = entry.nodes as usize;

@@ -84,7 +84,7 @@ impl<'a> Node<'a> {
         }
         let cell = self.cell.child(quadrant)?;
         let next = self.child_number(quadrant);
-        if cell.level() % SEGMENT_LEVELS == 0 {
+        if cell.level().is_multiple_of(SEGMENT_LEVELS) {
             let segment = self.tree.segment(next)?;
             return Some(Node::new(self.tree, segment, NodeRef { segment: next, node: 0 }, cell));
         }
