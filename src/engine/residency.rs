@@ -8,9 +8,9 @@ use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::sink::{Handover, PageSink};
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::cells::LiveTree;
-use crate::content::{Page, PageId, PageKind};
+use crate::content::{Page, PageFile, PageId, PageKind};
 use crate::forest::Zone;
-use crate::forest::index::Place;
+use crate::forest::index::{IndexForest, Place, Segment};
 use crate::paging::{
     Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PICTURE_GPU_BYTES, PageServer, RangeRead,
     ReadError, RequestManager, ServerLimits, ThreadedServers, Usage, drawn_pages, pinned_demands,
@@ -51,6 +51,8 @@ fn is_picture(page: PageId) -> bool {
 /// What is resident, and the machinery that changes it.
 pub struct Residency {
     pub cells: LiveTree,
+    /// The source's index with the segments that are resident.
+    pub index: IndexForest,
     pub manager: RequestManager,
     pub usage: Usage,
     pub lifts: Lifts,
@@ -65,7 +67,7 @@ pub struct Residency {
     gpu_total_bytes: u64,
     /// Pictures under way: they will go where the arena has layers free.
     pictures_in_flight: u64,
-    last_read: Option<(Zone, u64)>,
+    last_read: Option<(Zone, PageFile, u64)>,
     messages: Vec<String>,
     /// The highest since it was last asked for.
     footprint_max_bytes: u64,
@@ -90,6 +92,7 @@ impl Residency {
         };
         Ok(Self {
             cells: LiveTree::default(),
+            index: source.index.clone(),
             manager: RequestManager::for_world(limits, &source.index)?,
             usage: Usage::default(),
             lifts: Lifts::default(),
@@ -158,6 +161,10 @@ impl Residency {
             self.count_read(id, place);
         }
         match outcome {
+            Outcome::Loaded(Page::Segment(segment)) => {
+                let completion = self.admit_segment(segment);
+                self.complete(id, place, completion, now_s, sink)
+            }
             Outcome::Loaded(page) => match sink.upload(&page) {
                 Handover::Done(uploaded) => self.admit(&page, place, uploaded, now_s, sink),
                 Handover::Later => {
@@ -173,6 +180,18 @@ impl Residency {
                 self.complete(id, place, completion, now_s, sink)
             }
         }
+    }
+
+    /// Makes a segment part of the index; nothing of it goes to the GPU.
+    fn admit_segment(&mut self, segment: Segment) -> Completion {
+        let (cell, memory) = (segment.root(), segment.byte_len() as u64);
+        if let Err(error) = self.index.insert_segment(segment) {
+            self.note(error.to_string());
+            return Completion::Broken;
+        }
+        self.held.insert(PageId { cell, kind: PageKind::Segment }, Held { gpu: 0, memory });
+        self.lifts.look_again();
+        Completion::Loaded { bytes: memory }
     }
 
     /// Makes an uploaded page drawable.
@@ -227,10 +246,10 @@ impl Residency {
     }
 
     fn count_read(&mut self, page: PageId, place: Place) {
-        let zone = page.cell.zone();
+        let (zone, file) = (page.cell.zone(), page.kind.file());
         self.traffic.bytes_read += u64::from(place.len);
-        self.traffic.seeks += u64::from(self.last_read != Some((zone, place.offset)));
-        self.last_read = Some((zone, place.offset + u64::from(place.len)));
+        self.traffic.seeks += u64::from(self.last_read != Some((zone, file, place.offset)));
+        self.last_read = Some((zone, file, place.offset + u64::from(place.len)));
     }
 
     fn note(&mut self, message: String) {
@@ -306,6 +325,12 @@ impl Residency {
     }
 
     fn drop_page(&mut self, page: PageId, sink: &mut dyn PageSink) {
+        if page.kind == PageKind::Segment {
+            self.index.remove_segment(page.cell);
+            self.held.remove(&page);
+            self.usage.dropped(page);
+            return;
+        }
         self.cells.remove(page);
         let held = self.held.remove(&page).unwrap_or_default();
         sink.remove(page, held.gpu, held.memory);
@@ -357,6 +382,7 @@ fn memory_bytes(page: &Page) -> u64 {
     match page {
         Page::Terrain(terrain) => terrain.byte_len() as u64,
         Page::Imagery(_) => 0,
+        Page::Segment(segment) => segment.byte_len() as u64,
         Page::Objects(objects, _) => (objects.byte_len() + objects.objects.len() * LIFT_BYTES_PER_OBJECT) as u64,
     }
 }

@@ -190,13 +190,13 @@ impl Scene {
 
     fn select_at(&self, view: &View, factor: f64) -> Selection {
         let params = self.select_params();
-        select_raised(&self.source.index, &self.residency.cells, view, &params, params.tolerance_px * factor)
+        select_raised(&self.residency.index, &self.residency.cells, view, &params, params.tolerance_px * factor)
     }
 
     fn lift(&mut self, selection: &Selection, sink: &mut dyn PageSink) {
         let ground = Ground::new(&selection.pieces);
         for drawn in &selection.objects {
-            if let Some((page, lifts_m)) = self.residency.lifts.update(&self.source.index, &ground, drawn) {
+            if let Some((page, lifts_m)) = self.residency.lifts.update(&self.residency.index, &ground, drawn) {
                 sink.set_lifts(page, lifts_m);
             }
         }

@@ -39,6 +39,7 @@ pub fn held_bytes(page: &Page) -> u64 {
         Page::Terrain(terrain) => terrain.byte_len() as u64,
         Page::Imagery(_) => PICTURE_GPU_BYTES,
         Page::Objects(objects, mesh) => (objects.byte_len() + mesh.byte_len()) as u64,
+        Page::Segment(segment) => segment.byte_len() as u64,
     }
 }
 
@@ -47,7 +48,7 @@ pub fn least_held_bytes(kind: PageKind, place: Place) -> u64 {
     match kind {
         PageKind::Terrain => size_of::<TerrainPage>() as u64 + u64::from(place.len),
         PageKind::Imagery => PICTURE_GPU_BYTES,
-        PageKind::Objects { .. } => u64::from(place.len),
+        PageKind::Objects { .. } | PageKind::Segment => u64::from(place.len),
     }
 }
 
@@ -65,6 +66,8 @@ impl Estimator {
     /// Bytes that a page will hold, its stored bytes while they are read included.
     pub fn bytes(&self, kind: PageKind, place: Place) -> u64 {
         let held = match kind {
+            // As long in memory as it is stored, and read into the memory that it stays in.
+            PageKind::Segment => return u64::from(place.len),
             PageKind::Terrain => TERRAIN_BYTES,
             PageKind::Imagery => IMAGERY_BYTES,
             PageKind::Objects { .. } => {

@@ -1,7 +1,7 @@
 //! What was read and whether it was ever drawn.
 
 use crate::content::{PageId, PageKind};
-use crate::select::Selection;
+use crate::select::{Selection, Urgency};
 use std::collections::HashMap;
 
 /// Follows every read until it is drawn or dropped.
@@ -39,7 +39,10 @@ impl Usage {
     }
 
     pub fn drawn(&mut self, selection: &Selection) {
-        for page in drawn_pages(selection) {
+        // A segment is of use where the view's own walk, not only a prediction, passed through it.
+        let demands = selection.demands.iter().filter(|demand| demand.urgency > Urgency::Predicted);
+        let segments = demands.map(|demand| demand.page).filter(|page| page.kind == PageKind::Segment);
+        for page in drawn_pages(selection).chain(segments) {
             if let Some(read) = self.resident.get_mut(&page)
                 && !read.drawn
             {

@@ -171,7 +171,9 @@ fn regions(index: &IndexForest, view: &View, params: &SelectParams) -> Vec<Regio
     let mut covers: HashMap<PageId, (f64, f64)> = HashMap::new();
     let mut regions = Vec::new();
     survey(index, &LiveTree::default(), view, params, params.tolerance_px, |region| {
-        regions.push(choices(index, region, params.tolerance_px, &mut covers));
+        if let Some(layer) = layer_of(region.kind) {
+            regions.push(choices(index, region, layer, params.tolerance_px, &mut covers));
+        }
     });
     regions
 }
@@ -179,6 +181,7 @@ fn regions(index: &IndexForest, view: &View, params: &SelectParams) -> Vec<Regio
 fn choices(
     index: &IndexForest,
     region: &FrontRegion<'_>,
+    layer: usize,
     asked_px: f64,
     covers: &mut HashMap<PageId, (f64, f64)>,
 ) -> Region {
@@ -203,7 +206,7 @@ fn choices(
         }
     }
     let most_px = if is_layer { excess_px(Some(0)) } else { excess_px(None) };
-    Region { layer: layer_of(region.kind), share: region.share, most_px, choices }
+    Region { layer, share: region.share, most_px, choices }
 }
 
 /// The fewest bytes, stored and held, of pages below a node that cover all of it; infinite where none do.

@@ -23,6 +23,7 @@ struct Cache {
 }
 
 impl Library {
+    /// `index` as it is when the clock starts.
     pub fn new(index: IndexForest, reader: Arc<dyn PageReader>) -> Self {
         Self { index, reader, cache: Mutex::default() }
     }

@@ -4,7 +4,8 @@ use super::bound::{Budget, FrameBound};
 use super::pages::Library;
 use crate::camera::{FlightPath, View};
 use crate::cells::LiveTree;
-use crate::content::{Page, PageId};
+use crate::content::{Page, PageFile, PageId, PageKind};
+use crate::forest::Zone;
 use crate::forest::index::{IndexForest, Place};
 use crate::paging::{
     Command, Completion, DrawnLevels, DrawnTolerance, Event, Frame as Seen, FrameReport, Lack, Limits, ManagerError,
@@ -45,7 +46,7 @@ pub struct Setup {
     pub size_px: [u32; 2],
     /// From frame to frame, seconds.
     pub step_s: f64,
-    /// Whether the lower bound of debt is computed for each frame.
+    /// Whether the lower bound of debt is computed for each frame; a world whose index is paged has none.
     pub bound: bool,
 }
 
@@ -119,6 +120,8 @@ struct UnderWay {
 /// A world, what is resident of it by the virtual clock, and the storage model.
 pub struct Simulation<'a> {
     library: &'a Library,
+    /// With the segments that are resident.
+    index: IndexForest,
     setup: Setup,
     disk: Disk,
     manager: RequestManager,
@@ -142,13 +145,14 @@ const MESSAGES_MAX: usize = 16;
 impl<'a> Simulation<'a> {
     /// Loads the coarsest pages of all zones; the clock starts after that.
     pub fn new(library: &'a Library, setup: Setup) -> Result<Self, SimulationError> {
-        let fixed_bytes = FIXED_BYTES + library.index.byte_len() as u64;
+        let fixed_bytes = FIXED_BYTES + library.index.bytes().fixed() as u64;
         let least = Self::least_footprint(&library.index);
         let Some(pool_bytes) = setup.footprint.0.checked_sub(fixed_bytes).filter(|_| setup.footprint >= least) else {
             return Err(SimulationError::FootprintTooSmall { asked: setup.footprint, least });
         };
         let mut simulation = Self {
             library,
+            index: library.index.clone(),
             setup,
             disk: Disk::new(setup.storage, setup.faults, setup.seed),
             manager: RequestManager::for_world(setup.limits(pool_bytes), &library.index)?,
@@ -171,7 +175,7 @@ impl<'a> Simulation<'a> {
 
     /// The least footprint that can work with a world by the virtual clock.
     pub fn least_footprint(index: &IndexForest) -> ByteSize {
-        ByteSize(FIXED_BYTES + index.byte_len() as u64 + least_footprint_bytes(index))
+        ByteSize(FIXED_BYTES + index.bytes().fixed() as u64 + least_footprint_bytes(index))
     }
 
     /// Tells the path, for what may know it.
@@ -180,7 +184,7 @@ impl<'a> Simulation<'a> {
     }
 
     fn load_pinned(&mut self) -> Result<(), SimulationError> {
-        let demands = pinned_demands(&self.library.index);
+        let demands = pinned_demands(&self.index);
         let mut waiting = true;
         while waiting {
             waiting = false;
@@ -197,6 +201,13 @@ impl<'a> Simulation<'a> {
     }
 
     fn admit(&mut self, page: &Page, at_s: f64) {
+        if let Page::Segment(segment) = page
+            && let Err(error) = self.index.insert_segment(segment.clone())
+        {
+            self.messages.push(error.to_string());
+            self.complete(page.id(), Completion::Broken, at_s);
+            return;
+        }
         self.cells.insert(page);
         self.complete(page.id(), Completion::Loaded { bytes: held_bytes(page) }, at_s);
     }
@@ -212,7 +223,7 @@ impl<'a> Simulation<'a> {
 
     /// All that is held or spoken for, bytes.
     pub fn footprint_bytes(&self) -> u64 {
-        FIXED_BYTES + self.library.index.byte_len() as u64 + self.manager.footprint_bytes()
+        FIXED_BYTES + self.index.bytes().fixed() as u64 + self.manager.footprint_bytes()
     }
 
     /// Takes in what has arrived by a time.
@@ -264,8 +275,7 @@ impl<'a> Simulation<'a> {
         for command in commands {
             match command {
                 Command::Evict(page) => {
-                    self.cells.remove(page);
-                    self.usage.dropped(page);
+                    self.drop_page(page);
                     hurt |= drawn.contains(&page);
                 }
                 Command::Cancel(page) => self.cancel(page, now_s),
@@ -276,9 +286,17 @@ impl<'a> Simulation<'a> {
         hurt
     }
 
+    fn drop_page(&mut self, page: PageId) {
+        if page.kind == PageKind::Segment {
+            self.index.remove_segment(page.cell);
+        }
+        self.cells.remove(page);
+        self.usage.dropped(page);
+    }
+
     fn start(&mut self, read: RangeRead, now_s: f64) {
         let ends = read.pages.iter().map(|(_, place)| place.offset + u64::from(place.len) - read.offset).collect();
-        let request = Request { id: read.id, file: read.zone.index() as u32, offset: read.offset, parts: ends };
+        let request = Request { id: read.id, file: file_number(&read), offset: read.offset, parts: ends };
         let started = self.disk.start(request, now_s);
         for &(page, _) in &read.pages {
             self.reads.insert(page, read.id);
@@ -321,7 +339,7 @@ impl<'a> Simulation<'a> {
 
     fn select_at(&self, view: &View, factor: f64) -> Selection {
         let params = self.setup.select_params();
-        select_raised(&self.library.index, &self.cells, view, &params, params.tolerance_px * factor)
+        select_raised(&self.index, &self.cells, view, &params, params.tolerance_px * factor)
     }
 
     fn plan(&mut self, view: &View, selection: &Selection, now_s: f64) -> Vec<Demand> {
@@ -329,7 +347,7 @@ impl<'a> Simulation<'a> {
             return selection.demands.clone();
         }
         let seen = Seen {
-            index: &self.library.index,
+            index: &self.index,
             cells: &self.cells,
             manager: &self.manager,
             view,
@@ -431,12 +449,18 @@ impl<'a> Simulation<'a> {
 
     /// What the lower bound of debt may count on at a time since the clock started.
     pub fn budget_of(library: &Library, setup: &Setup, since_s: f64) -> Budget {
-        let fixed_bytes = FIXED_BYTES + library.index.byte_len() as u64;
+        let fixed_bytes = FIXED_BYTES + library.index.bytes().fixed() as u64;
         Budget {
             read_bytes: super::bound::bytes_by(&setup.storage, since_s),
             held_bytes: setup.footprint.0.saturating_sub(fixed_bytes),
         }
     }
+}
+
+/// Packs of the zones, then their indexes.
+fn file_number(read: &RangeRead) -> u32 {
+    let zones = if read.file == PageFile::Index { Zone::COUNT } else { 0 };
+    (zones + read.zone.index()) as u32
 }
 
 /// Flies a path from its start to its end, frame by frame. `each` takes every frame, and ends the flight with `false`.
@@ -461,7 +485,7 @@ pub fn fly(
         let mut frame = simulation.frame(&view, since_s);
         let waited_s = frame.report.waited_s;
         frame.report.t_s = start_s + since_s;
-        if setup.bound {
+        if setup.bound && library.index.is_whole() {
             let bound = FrameBound::new(&library.index, &view, &setup.select_params());
             frame.report.debt_bound_px =
                 Some(bound.debt_px(&Simulation::budget_of(library, &setup, since_s + waited_s)));

@@ -1,17 +1,18 @@
 //! Pages that lie together in a pack are read as one range: one seek, or one request, for all of them.
 
 use super::Limits;
-use crate::content::PageId;
+use crate::content::{PageFile, PageId};
 use crate::forest::Zone;
 use crate::forest::index::Place;
 use crate::select::Demand;
 
-/// One contiguous range of a file, and the pages in it.
+/// One contiguous range of a zone's file, and the pages in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RangeRead {
     /// Counted from 0 by the request manager.
     pub id: u64,
     pub zone: Zone,
+    pub file: PageFile,
     pub offset: u64,
     /// With the unwanted bytes between the pages.
     pub len: u32,
@@ -25,13 +26,14 @@ impl RangeRead {
         let pages: Vec<(PageId, Place)> = run.iter().map(|demand| (demand.page, demand.place)).collect();
         let offset = pages.first().map_or(0, |page| page.1.offset);
         let end = pages.last().map_or(0, |page| end(page.1));
-        let zone = run[0].page.cell.zone();
-        Self { id, zone, offset, len: (end - offset) as u32, pages }
+        let first = run[0].page;
+        Self { id, zone: first.cell.zone(), file: first.kind.file(), offset, len: (end - offset) as u32, pages }
     }
 
     /// A single page.
     pub fn of_page(id: u64, page: PageId, place: Place) -> Self {
-        Self { id, zone: page.cell.zone(), offset: place.offset, len: place.len, pages: vec![(page, place)] }
+        let (zone, file) = (page.cell.zone(), page.kind.file());
+        Self { id, zone, file, offset: place.offset, len: place.len, pages: vec![(page, place)] }
     }
 }
 
@@ -40,8 +42,8 @@ fn end(place: Place) -> u64 {
 }
 
 /// Which file a page lies in, then where; pages at the same place are apart all the same.
-fn position(demand: &Demand) -> (Zone, u64, PageId) {
-    (demand.page.cell.zone(), demand.place.offset, demand.page)
+fn position(demand: &Demand) -> ((Zone, PageFile), u64, PageId) {
+    ((demand.page.cell.zone(), demand.page.kind.file()), demand.place.offset, demand.page)
 }
 
 /// Demands that may be started, in the order in which they lie.

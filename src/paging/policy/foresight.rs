@@ -10,6 +10,9 @@
 //! taken by what the next one takes off per byte, the bytes of a page shared by the regions under it. Where all that is
 //! missing comes at once, they would be read in vain, and the front is asked for directly.
 //!
+//! Visible is what the present front draws, and the next page of each region of the view at the end of the lead time;
+//! all else is predicted, and gives way to it.
+//!
 //! `oracle` is the same with the path told beforehand, and looks further.
 
 use super::{Policy, Situation};
@@ -33,7 +36,8 @@ pub struct ForesightParams {
     pub trust_s: f64,
     /// Factor on the uncertainty by which they are wider; 0 takes them as certain.
     pub widen: f64,
-    /// Weight of views to the sides and back, against turns that nothing foretells; 0 leaves them out.
+    /// Weight of views to the sides and back, against turns that nothing foretells, while half of the footprint is free;
+    /// 0 leaves them out.
     pub aside: f64,
     /// Whether coarser pages may come first where the storage is behind.
     pub steps: bool,
@@ -75,6 +79,8 @@ impl ForesightParams {
     }
 }
 
+/// What a segment of the index counts for each view that needs it, px·s: above all pages.
+const SEGMENT_GAIN: f64 = 1e12;
 /// Views foretold at most.
 const VIEWS_MAX: u32 = 64;
 /// What a page counts that is held and would not be missed: it is the last to be asked for, and the first to go.
@@ -96,8 +102,8 @@ struct Prospect {
     served: f64,
     /// Expected fall of debt, px·s.
     gain: f64,
-    /// Whether a view at the end of the lead time wants it.
-    is_due: bool,
+    /// Whether a region of the view at the end of the lead time wants it next.
+    is_next: bool,
 }
 
 /// A layer of a region of a foretold view.
@@ -152,7 +158,9 @@ impl Foresight {
             views.push((view, stands_s * trust));
         }
         let first = situation.forecast.pose(situation.lead_s);
-        if self.params.aside > 0.0 && !sure && first.pitch_rad.cos() > 0.3 {
+        let manager = situation.frame.manager;
+        let has_room = manager.footprint_bytes() < manager.limits().footprint_bytes / 2;
+        if self.params.aside > 0.0 && !sure && has_room && first.pitch_rad.cos() > 0.3 {
             let turned = [FRAC_PI_2, -FRAC_PI_2, PI];
             let turned = turned.map(|by_rad| (situation.forecast.turned(situation.lead_s, by_rad), self.params.aside));
             views.extend(turned);
@@ -170,7 +178,9 @@ impl Foresight {
 
     fn make_plan(&self, situation: &Situation<'_>) -> Vec<Demand> {
         let mut outlook = self.outlook(situation);
-        let direct = !self.params.steps || outlook.missing_secs(situation) <= self.params.direct_s;
+        // Where memory lacks, nothing is read but what stays.
+        let lacks = situation.frame.drawn_tolerance_px > situation.frame.params.tolerance_px;
+        let direct = !self.params.steps || lacks || outlook.missing_secs(situation) <= self.params.direct_s;
         outlook.choose(direct);
         let mut plan: Vec<Demand> = outlook
             .pages
@@ -179,7 +189,7 @@ impl Foresight {
             .map(|(&page, prospect)| Demand {
                 page,
                 place: prospect.place,
-                urgency: if prospect.is_due { Urgency::Visible } else { Urgency::Predicted },
+                urgency: if prospect.is_next { Urgency::Visible } else { Urgency::Predicted },
                 gain: if self.params.per_byte {
                     prospect.gain / f64::from(prospect.place.len.max(1))
                 } else {
@@ -213,8 +223,13 @@ impl Outlook {
         let first = self.wishes.len();
         let mut shares = [0.0; LAYERS];
         survey(frame.index, frame.cells, view, frame.params, frame.drawn_tolerance_px, |region| {
-            shares[layer_of(region.kind)] += region.share;
-            self.add_region(situation, region, is_due);
+            match layer_of(region.kind) {
+                Some(layer) => {
+                    shares[layer] += region.share;
+                    self.add_region(situation, region, layer, is_due);
+                }
+                None => self.add_segment(region, is_due),
+            }
         });
         // As debt does, each layer's shares count against their sum.
         for wish in &mut self.wishes[first..] {
@@ -227,7 +242,16 @@ impl Outlook {
         }
     }
 
-    fn add_region(&mut self, situation: &Situation<'_>, region: &FrontRegion<'_>, is_due: bool) {
+    /// A segment of the index comes before all that it tells of.
+    fn add_segment(&mut self, region: &FrontRegion<'_>, is_due: bool) {
+        for rep in region.chain {
+            let page = PageId { cell: rep.cell, kind: region.kind };
+            self.page(page, rep.place);
+            self.promise(page, SEGMENT_GAIN, is_due);
+        }
+    }
+
+    fn add_region(&mut self, situation: &Situation<'_>, region: &FrontRegion<'_>, layer: usize, is_due: bool) {
         let (manager, asked_px) = (situation.frame.manager, situation.frame.params.tolerance_px);
         let page_at = |at: usize| region.chain.get(at).map(|rep| PageId { cell: rep.cell, kind: region.kind });
         let held = |at: usize| page_at(at).is_some_and(|page| manager.is_held(page));
@@ -265,12 +289,12 @@ impl Outlook {
             }
         }
         let steps = from..self.steps.len();
-        let (layer, weight) = (layer_of(region.kind), region.share);
+        let weight = region.share;
         self.wishes.push(Wish { layer, weight, excess_px: now_px, is_due, keeps, steps });
     }
 
     fn page(&mut self, page: PageId, place: Place) {
-        self.pages.entry(page).or_insert(Prospect { place, served: 0.0, gain: 0.0, is_due: false });
+        self.pages.entry(page).or_insert(Prospect { place, served: 0.0, gain: 0.0, is_next: false });
     }
 
     /// How long all that is missing at the end of the lead time would take.
@@ -294,23 +318,24 @@ impl Outlook {
             let (weight, is_due, steps) = (wish.weight, wish.is_due, wish.steps.clone());
             let mut left_px = wish.excess_px;
             if let Some((page, keeps_px)) = wish.keeps {
-                self.promise(page, weight * keeps_px, is_due);
+                self.promise(page, weight * keeps_px, false);
             }
             let mut next = steps.start;
             while next < steps.end {
                 let chosen = if direct { steps.end - 1 } else { self.best_step(next..steps.end, left_px) };
                 let (page, after_px) = self.steps[chosen];
-                self.promise(page, weight * (left_px - after_px).max(KEEP_MIN_PX), is_due);
+                let is_next = is_due && next == steps.start;
+                self.promise(page, weight * (left_px - after_px).max(KEEP_MIN_PX), is_next);
                 left_px = after_px;
                 next = chosen + 1;
             }
         }
     }
 
-    fn promise(&mut self, page: PageId, gain: f64, is_due: bool) {
+    fn promise(&mut self, page: PageId, gain: f64, is_next: bool) {
         if let Some(prospect) = self.pages.get_mut(&page) {
             prospect.gain += gain;
-            prospect.is_due |= is_due;
+            prospect.is_next |= is_next;
         }
     }
 
