@@ -73,14 +73,15 @@ impl Setup {
         // Enough that no place is empty until the next frame.
         let turns = if model.latency_secs > 0.0 { (self.step_s / model.latency_secs).ceil() } else { f64::INFINITY };
         let in_flight = (model.parallel as f64 * (1.0 + turns)).min(IN_FLIGHT_MAX as f64) as usize;
-        let latency_bytes = model.latency_secs * model.bytes_per_sec;
+        // What one of the parallel requests could have brought while another waits.
+        let latency_bytes = model.latency_secs * model.bytes_per_sec / model.parallel as f64;
         Limits {
             footprint_bytes: pool_bytes,
             in_flight,
             pages_in_flight: PAGES_IN_FLIGHT_MAX,
             read_bytes_per_update: u64::MAX >> 2,
             run_bytes: latency_bytes.clamp(*RUN_BYTES.start(), *RUN_BYTES.end()) as u32,
-            gap_bytes: (GAP_SHARE * latency_bytes / model.parallel as f64).min(*RUN_BYTES.end()) as u32,
+            gap_bytes: (GAP_SHARE * latency_bytes).min(*RUN_BYTES.end()) as u32,
         }
     }
 

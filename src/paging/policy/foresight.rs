@@ -22,7 +22,6 @@ use crate::forest::index::Place;
 use crate::select::{Demand, FrontRegion, LAYERS, Urgency, layer_of, survey};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
-use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Parameters of [`Foresight`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -36,9 +35,6 @@ pub struct ForesightParams {
     pub trust_s: f64,
     /// Factor on the uncertainty by which they are wider; 0 takes them as certain.
     pub widen: f64,
-    /// Weight of views to the sides and back, against turns that nothing foretells, while half of the footprint is free;
-    /// 0 leaves them out.
-    pub aside: f64,
     /// Whether coarser pages may come first where the storage is behind.
     pub steps: bool,
     /// What is missing and comes within this time is asked for directly, seconds.
@@ -56,7 +52,6 @@ impl Default for ForesightParams {
             reach_s: 1.5,
             trust_s: 1.0,
             widen: 1.0,
-            aside: 0.02,
             steps: true,
             direct_s: 0.05,
             per_byte: true,
@@ -75,7 +70,7 @@ impl ForesightParams {
 
     /// With the path known there is no doubt, and a longer way to see.
     pub fn oracle() -> Self {
-        Self { views: 9, reach_s: 8.0, trust_s: 4.0, widen: 0.0, aside: 0.0, ..Self::default() }
+        Self { views: 9, reach_s: 8.0, trust_s: 4.0, widen: 0.0, ..Self::default() }
     }
 }
 
@@ -156,14 +151,6 @@ impl Foresight {
             let trust = if sure && self.is_oracle { 1.0 } else { (-after_s / self.params.trust_s).exp() };
             let view = situation.forecast.at(situation.lead_s + after_s, self.params.widen).view;
             views.push((view, stands_s * trust));
-        }
-        let first = situation.forecast.pose(situation.lead_s);
-        let manager = situation.frame.manager;
-        let has_room = manager.footprint_bytes() < manager.limits().footprint_bytes / 2;
-        if self.params.aside > 0.0 && !sure && has_room && first.pitch_rad.cos() > 0.3 {
-            let turned = [FRAC_PI_2, -FRAC_PI_2, PI];
-            let turned = turned.map(|by_rad| (situation.forecast.turned(situation.lead_s, by_rad), self.params.aside));
-            views.extend(turned);
         }
         views
     }
