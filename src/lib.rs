@@ -14,6 +14,7 @@ pub mod prepare;
 pub mod record;
 pub mod render;
 pub mod select;
+pub mod storage;
 pub mod store;
 pub mod units;
 #[cfg(feature = "window")]
