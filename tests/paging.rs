@@ -14,12 +14,15 @@ use stoop::forest::index::Place;
 use stoop::forest::{CellId, Zone};
 use stoop::paging::{
     Command, Completion, Delivery, Event, Gate, InlineServer, Limits, ManagerError, Outcome, PageCounts, PageReader,
-    PageServer, PageState, ReadError, RequestManager, ServerLimits, SlowReader, Stall, ThreadedServers,
+    PageServer, PageState, RangeRead, ReadError, RequestManager, ServerLimits, SlowReader, Stall, ThreadedServers,
     least_footprint_bytes,
 };
 use stoop::select::{Demand, Urgency};
 
 const MIB: u64 = 1 << 20;
+/// Each page by itself.
+const LIMITS: Limits =
+    Limits { footprint_bytes: 64 * MIB, in_flight: 3, read_bytes_per_update: MIB, run_bytes: 0, gap_bytes: 0 };
 
 fn page_id(n: u32) -> PageId {
     let cell = CellId::new(Zone::new(18).unwrap(), 10, n % 1024, n / 1024).unwrap();
@@ -45,6 +48,10 @@ fn held_bytes(page: PageId, place: Place) -> u64 {
 }
 
 /// Storage that takes its time: started pages are answered later, in any order.
+fn end(place: Place) -> u64 {
+    place.offset + u64::from(place.len)
+}
+
 struct Simulation {
     manager: RequestManager,
     limits: Limits,
@@ -74,11 +81,16 @@ impl Simulation {
         for command in &commands {
             self.log.push(format!("{command:?}"));
             match *command {
-                Command::Start { page, place } => {
-                    assert!(!self.resident.contains_key(&page), "a resident page is read again");
-                    assert!(self.under_way.iter().all(|started| started.0 != page), "a page is started twice");
-                    assert!(demands.iter().any(|demand| demand.page == page), "nobody wants the page");
-                    self.under_way.push((page, place, false));
+                Command::Start(ref read) => {
+                    assert!(read.pages.windows(2).all(|pair| end(pair[0].1) <= pair[1].1.offset), "pages in a row");
+                    assert_eq!(read.offset, read.pages[0].1.offset);
+                    assert_eq!(read.offset + u64::from(read.len), end(read.pages[read.pages.len() - 1].1));
+                    for &(page, place) in &read.pages {
+                        assert!(!self.resident.contains_key(&page), "a resident page is read again");
+                        assert!(self.under_way.iter().all(|started| started.0 != page), "a page is started twice");
+                        assert!(demands.iter().any(|demand| demand.page == page), "nobody wants the page");
+                        self.under_way.push((page, place, false));
+                    }
                 }
                 Command::Cancel(page) => {
                     assert!(demands.iter().all(|demand| demand.page != page), "a wanted page is cancelled");
@@ -180,7 +192,7 @@ proptest! {
     fn no_limit_is_passed_and_the_front_is_never_dropped(
         frames in prop::collection::vec(any_frame(), 1..40), mib in 3u64..30, in_flight in 1usize..9
     ) {
-        let limits = Limits { footprint_bytes: mib * MIB, in_flight, read_bytes_per_update: 20_000 };
+        let limits = Limits { footprint_bytes: mib * MIB, in_flight, read_bytes_per_update: 20_000, ..LIMITS };
         let log = run(limits, &frames);
         prop_assert_eq!(log, run(limits, &frames), "the same input gives the same commands");
     }
@@ -189,7 +201,7 @@ proptest! {
     fn whatever_came_before_a_front_that_fits_comes_in(
         frames in prop::collection::vec(any_frame(), 0..20), wanted in prop::collection::btree_set(0u32..60, 1..12)
     ) {
-        let limits = Limits { footprint_bytes: 24 * MIB, in_flight: 4, read_bytes_per_update: 3_000 };
+        let limits = Limits { footprint_bytes: 24 * MIB, in_flight: 4, read_bytes_per_update: 3_000, ..LIMITS };
         let mut simulation = Simulation::new(limits);
         for (demands, fates) in &frames {
             let mut seen = BTreeSet::new();
@@ -217,7 +229,7 @@ proptest! {
 
 #[test]
 fn the_more_urgent_and_the_more_gainful_come_first() {
-    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 3, read_bytes_per_update: MIB };
+    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 3, read_bytes_per_update: MIB, ..LIMITS };
     let mut manager = RequestManager::new(limits).unwrap();
     let demands = [
         demand(1, Urgency::Predicted, 9.0),
@@ -229,7 +241,7 @@ fn the_more_urgent_and_the_more_gainful_come_first() {
         .update(&demands, 0.0)
         .into_iter()
         .map(|command| match command {
-            Command::Start { page, .. } => page,
+            Command::Start(read) => read.pages[0].0,
             other => panic!("{other:?}"),
         })
         .collect();
@@ -238,7 +250,7 @@ fn the_more_urgent_and_the_more_gainful_come_first() {
 
 #[test]
 fn what_is_no_longer_wanted_is_cancelled_once() {
-    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 3, read_bytes_per_update: MIB };
+    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 3, read_bytes_per_update: MIB, ..LIMITS };
     let mut manager = RequestManager::new(limits).unwrap();
     manager.update(&[demand(1, Urgency::Visible, 1.0)], 0.0);
     assert_eq!(manager.update(&[], 0.1), [Command::Cancel(page_id(1))]);
@@ -251,7 +263,7 @@ fn what_is_no_longer_wanted_is_cancelled_once() {
 
 #[test]
 fn failed_pages_are_tried_again_later_and_broken_ones_never() {
-    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 3, read_bytes_per_update: MIB };
+    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 3, read_bytes_per_update: MIB, ..LIMITS };
     let mut manager = RequestManager::new(limits).unwrap();
     let wish = [demand(1, Urgency::Visible, 1.0)];
     let (mut now_secs, mut waits) = (0.0, Vec::new());
@@ -275,7 +287,7 @@ fn failed_pages_are_tried_again_later_and_broken_ones_never() {
 
 #[test]
 fn pages_have_a_state_and_are_counted_by_layer() {
-    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 3, read_bytes_per_update: MIB };
+    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 3, read_bytes_per_update: MIB, ..LIMITS };
     let mut manager = RequestManager::new(limits).unwrap();
     // Two of each layer; the last three wait for their turn.
     let wishes: Vec<Demand> = (0..6).map(|n| demand(n, Urgency::Visible, 10.0 - f64::from(n))).collect();
@@ -303,7 +315,7 @@ fn pages_have_a_state_and_are_counted_by_layer() {
 
 #[test]
 fn the_longest_wait_is_told_until_the_page_comes_or_is_wanted_no_more() {
-    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 8, read_bytes_per_update: MIB };
+    let limits = Limits { footprint_bytes: 64 * MIB, in_flight: 8, read_bytes_per_update: MIB, ..LIMITS };
     let mut manager = RequestManager::new(limits).unwrap();
     let [first, second] = [1, 2].map(|n| demand(n, Urgency::Visible, 1.0));
     let complete = |manager: &mut RequestManager, n, completion, now_secs| {
@@ -331,7 +343,7 @@ fn the_longest_wait_is_told_until_the_page_comes_or_is_wanted_no_more() {
 
 #[test]
 fn a_front_that_does_not_fit_is_said_and_not_thrashed() {
-    let limits = Limits { footprint_bytes: 4 * MIB, in_flight: 8, read_bytes_per_update: 10 * MIB };
+    let limits = Limits { footprint_bytes: 4 * MIB, in_flight: 8, read_bytes_per_update: 10 * MIB, ..LIMITS };
     let mut simulation = Simulation::new(limits);
     let front: Vec<Demand> = (0..30).map(|n| demand(3 * n + 1, Urgency::Visible, f64::from(n))).collect();
     assert!(!simulation.manager.fits(&front) && simulation.manager.fits(&front[..4]));
@@ -351,13 +363,17 @@ fn a_front_that_does_not_fit_is_said_and_not_thrashed() {
 fn the_least_workable_footprint_is_told_and_works() {
     let index = dive_world(10.0, 10.0, 4, 4);
     let least = least_footprint_bytes(&index);
-    let limits = |footprint_bytes| Limits { footprint_bytes, in_flight: 4, read_bytes_per_update: MIB };
+    let limits = |footprint_bytes| Limits { footprint_bytes, in_flight: 4, read_bytes_per_update: MIB, ..LIMITS };
     assert!(RequestManager::for_world(limits(least), &index).is_ok());
     let error = RequestManager::for_world(limits(least - MIB), &index).err().unwrap();
     let ManagerError::FootprintTooSmall { least: told, .. } = &error;
     assert_eq!(told.0, least);
     assert!(error.to_string().contains("--footprint"), "{error}");
     assert!(RequestManager::new(limits(1000)).is_err());
+}
+
+fn read(n: u32, len: u32) -> RangeRead {
+    RangeRead::of_page(u64::from(n), page_id(n), Place::new(0, len).unwrap())
 }
 
 /// Gives made-up pages; every fifth breaks, one kind panics.
@@ -411,7 +427,7 @@ fn inline_and_threaded_servers_deliver_each_start_once() {
         .iter_mut()
         .map(|server| {
             for n in 0..50 {
-                assert!(server.start(page_id(n), Place::new(0, 100 + n).unwrap()));
+                assert!(server.start(read(n, 100 + n)));
             }
             drain(&mut **server).iter().map(|delivery| (delivery.page, outcome(delivery))).collect()
         })
@@ -426,7 +442,7 @@ fn cancelled_pages_are_not_read() {
     let reader = Arc::new(MadeUpReader { reads: AtomicUsize::new(0) });
     let mut server = InlineServer::new(reader.clone());
     for n in 0..10 {
-        server.start(page_id(n), Place::new(0, 100).unwrap());
+        server.start(read(n, 100));
     }
     (0..10).filter(|n| n % 2 == 0).for_each(|n| server.cancel(page_id(n)));
     let outcomes: Vec<_> = drain(&mut server).iter().map(outcome).collect();
@@ -439,7 +455,7 @@ fn a_full_queue_says_so_and_dropping_the_servers_ends_them() {
     let reader: Arc<dyn PageReader> = Arc::new(MadeUpReader { reads: AtomicUsize::new(0) });
     let limits = ServerLimits { threads_per_layer: 1, queue_len: 4 };
     let mut servers = ThreadedServers::start(&reader, limits).unwrap();
-    let started = (0..9).filter(|&n| servers.start(page_id(n), Place::new(0, 100).unwrap())).count();
+    let started = (0..9).filter(|&n| servers.start(read(n, 100))).count();
     assert_eq!((started, servers.in_flight()), (4, 4));
     drop(servers);
     assert_eq!(Arc::strong_count(&reader), 1, "all threads have ended");
@@ -465,7 +481,7 @@ fn dropping_the_servers_does_not_wait_for_storage_that_hangs() {
     let limits = ServerLimits { threads_per_layer: 1, queue_len: 8 };
     let mut servers = ThreadedServers::start(&reader, limits).unwrap();
     // Two for each layer: one hangs, one waits in the queue.
-    (0..6).for_each(|n| assert!(servers.start(page_id(n), Place::new(0, 100).unwrap())));
+    (0..6).for_each(|n| assert!(servers.start(read(n, 100))));
     until_waiting(&gate, 3);
     drop(servers);
     assert_eq!((gate.waiting(), made_up.reads.load(Ordering::Relaxed)), (3, 0), "the threads were left behind");
@@ -481,7 +497,7 @@ fn reads_wait_at_a_closed_gate_and_all_come_when_it_opens() {
     let (gate, made_up, reader) = hanging();
     let limits = ServerLimits { threads_per_layer: 2, queue_len: 8 };
     let mut servers = ThreadedServers::start(&reader, limits).unwrap();
-    (0..6).for_each(|n| assert!(servers.start(page_id(n), Place::new(0, 100).unwrap())));
+    (0..6).for_each(|n| assert!(servers.start(read(n, 100))));
     until_waiting(&gate, 6);
     assert!(servers.poll().is_none() && made_up.reads.load(Ordering::Relaxed) == 0);
     gate.open();

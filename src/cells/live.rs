@@ -86,7 +86,7 @@ impl LiveTree {
 
     pub fn contains(&self, page: PageId) -> bool {
         match page.kind {
-            PageKind::Terrain => self.terrain(page.cell).is_some(),
+            PageKind::Terrain => self.has_terrain(page.cell),
             PageKind::Imagery => self.has_imagery(page.cell),
             PageKind::Objects { .. } => self.objects.contains_key(&page),
         }
@@ -94,6 +94,10 @@ impl LiveTree {
 
     pub fn terrain(&self, cell: CellId) -> Option<&Arc<TerrainPage>> {
         self.entries.get(&cell)?.terrain.as_ref()
+    }
+
+    pub fn has_terrain(&self, cell: CellId) -> bool {
+        self.terrain(cell).is_some()
     }
 
     pub fn has_imagery(&self, cell: CellId) -> bool {

@@ -22,8 +22,13 @@ pub const SLACK_BYTES: u64 = 8 << 20;
 pub const UPLOAD_BYTES_PER_FRAME: u64 = 4 << 20;
 /// Stored bytes that one frame in lock-step starts to read: 60 MiB a second at 60 frames.
 pub const READ_BYTES_PER_FRAME: u64 = 1 << 20;
-/// Reads under way at most.
+/// Ranges under way at most on a disk of unknown kind, and pages in them.
 pub const IN_FLIGHT_MAX: usize = 32;
+pub const PAGES_IN_FLIGHT_MAX: usize = 1024;
+/// Pages on such a disk that lie together are read at once up to this length, and over gaps up to this one: reading on
+/// costs it less than another call.
+pub const RUN_BYTES: u32 = 128 << 10;
+pub const GAP_BYTES: u32 = 4 << 10;
 /// Threads that serve each of the three layers in live runs.
 pub const THREADS_PER_LAYER: usize = 1;
 const LAYERS: u64 = 3;

@@ -1,6 +1,9 @@
 //! Pages on their way in and out: between selection, request manager, servers, live tree and GPU.
 
-use super::footprint::{IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, THREADS_PER_LAYER, UPLOAD_BYTES_PER_FRAME};
+use super::footprint::{
+    GAP_BYTES, IN_FLIGHT_MAX, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, RUN_BYTES, THREADS_PER_LAYER,
+    UPLOAD_BYTES_PER_FRAME,
+};
 use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::sink::{Handover, PageSink};
 use super::usage::{Usage, drawn_pages};
@@ -10,8 +13,8 @@ use crate::content::{IMAGERY_STORED_PX, Page, PageId, PageKind};
 use crate::forest::Zone;
 use crate::forest::index::{IndexForest, Place};
 use crate::paging::{
-    Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PageServer, ReadError, RequestManager,
-    ServerLimits, ThreadedServers,
+    Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PageServer, RangeRead, ReadError,
+    RequestManager, ServerLimits, ThreadedServers,
 };
 use crate::render::{ArenaFull, GpuLimits};
 use crate::select::{Demand, Selection, Urgency};
@@ -38,7 +41,7 @@ struct Held {
 /// What the request manager decided, in its order.
 #[derive(Debug, Default)]
 struct Orders {
-    start: Vec<(PageId, Place)>,
+    start: Vec<RangeRead>,
     evict: Vec<PageId>,
 }
 
@@ -82,10 +85,15 @@ pub struct Residency {
 impl Residency {
     pub fn new(params: &EngineParams, partition: Partition, source: &Source) -> Result<Self, EngineError> {
         let read_bytes_per_update = if params.mode == Mode::LockStep { READ_BYTES_PER_FRAME } else { u64::MAX >> 2 };
-        let limits =
-            Limits { footprint_bytes: partition.pool_bytes(0), in_flight: IN_FLIGHT_MAX, read_bytes_per_update };
+        let limits = Limits {
+            footprint_bytes: partition.pool_bytes(0),
+            in_flight: IN_FLIGHT_MAX,
+            read_bytes_per_update,
+            run_bytes: RUN_BYTES,
+            gap_bytes: GAP_BYTES,
+        };
         let server: Box<dyn PageServer> = if params.mode == Mode::Live {
-            let limits = ServerLimits { threads_per_layer: THREADS_PER_LAYER, queue_len: IN_FLIGHT_MAX };
+            let limits = ServerLimits { threads_per_layer: THREADS_PER_LAYER, queue_len: PAGES_IN_FLIGHT_MAX };
             Box::new(ThreadedServers::start(&source.reader, limits)?)
         } else {
             Box::new(InlineServer::new(source.reader.clone()))
@@ -270,7 +278,7 @@ impl Residency {
         let mut orders = Orders::default();
         for command in self.manager.update(demands, now_s) {
             match command {
-                Command::Start { page, place } => orders.start.push((page, place)),
+                Command::Start(read) => orders.start.push(read),
                 // What is read already comes in, wanted or not.
                 Command::Cancel(page) if self.uploading.contains_key(&page) => {}
                 Command::Cancel(page) => self.server.cancel(page),
@@ -282,26 +290,29 @@ impl Residency {
 
     /// Passes reads to the server, the most urgent first, as far as the footprint allows: what was dropped for them may
     /// have left holes in the arenas that only later frames close.
-    fn start(&mut self, mut reads: Vec<(PageId, Place)>, now_s: f64, sink: &dyn PageSink) {
-        let pictures = |reads: &[(PageId, Place)]| reads.iter().filter(|read| is_picture(read.0)).count() as u64;
-        self.pictures_in_flight += pictures(&reads);
+    fn start(&mut self, mut reads: Vec<RangeRead>, now_s: f64, sink: &dyn PageSink) {
+        let pages = reads.iter().flat_map(|read| &read.pages);
+        self.pictures_in_flight += pages.filter(|page| is_picture(page.0)).count() as u64;
         while self.held_bytes(sink) > self.partition.footprint
-            && let Some((page, _)) = reads.pop()
+            && let Some(read) = reads.pop()
         {
-            self.take_back(page, now_s);
+            self.take_back(&read.pages, now_s);
         }
-        for (page, place) in reads {
-            if self.server.start(page, place) {
+        for read in reads {
+            let pages = read.pages.clone();
+            if self.server.start(read) {
                 self.traffic.requests += 1;
             } else {
-                self.take_back(page, now_s);
+                self.take_back(&pages, now_s);
             }
         }
     }
 
-    fn take_back(&mut self, page: PageId, now_s: f64) {
-        self.pictures_in_flight -= u64::from(is_picture(page));
-        self.manager.complete(Event { page, completion: Completion::Cancelled }, now_s);
+    fn take_back(&mut self, pages: &[(PageId, Place)], now_s: f64) {
+        for &(page, _) in pages {
+            self.pictures_in_flight -= u64::from(is_picture(page));
+            self.manager.complete(Event { page, completion: Completion::Cancelled }, now_s);
+        }
     }
 
     fn drop_page(&mut self, page: PageId, sink: &mut dyn PageSink) {

@@ -1,21 +1,30 @@
 //! The request manager: a value. Demands in, commands out, completions in.
 //!
 //! The footprint is hard: a page is asked for only when what is held, what is under way and its own estimate fit; a
-//! sixteenth of the footprint is kept back for pages that turn out larger than their estimate. What is dropped for
-//! another page was not demanded in this update, or was only predicted; of it, the least recently demanded first. The
-//! front is never dropped for itself: where it does not fit, [`RequestManager::needs_coarser`] says so, and the engine
-//! raises the tolerance.
+//! sixteenth of the footprint is kept back for pages that turn out larger than their estimate. Room is made before
+//! anything is read for it. What is dropped first is what is not demanded now, the least recently demanded first; then
+//! what is only predicted, by ascending gain (see [`residents`]). The front is never dropped for itself: where it does
+//! not fit, [`RequestManager::needs_coarser`] says so, and the tolerance is raised.
+//!
+//! Pages that lie together are read as one range: around each page that is due, those that are wanted too and lie no
+//! further than a gap apart are taken along (see [`runs`]).
 
 mod progress;
+mod residents;
+mod runs;
 
 pub use progress::{LayerCounts, PageCounts, PageState};
+pub use runs::RangeRead;
 
 use super::estimate::{Estimator, largest_bytes};
-use super::policy::{is_front, ranked};
+use super::order::{is_front, ranked};
+use super::pace::Pace;
 use crate::content::{PageId, PageKind};
 use crate::forest::index::{IndexForest, Place};
 use crate::select::{Demand, Urgency};
 use crate::units::ByteSize;
+use residents::Residents;
+use runs::Waiting;
 use std::collections::{BTreeMap, HashMap};
 
 /// Hard limits, each of which is named in the report.
@@ -23,14 +32,19 @@ use std::collections::{BTreeMap, HashMap};
 pub struct Limits {
     /// All bytes held: decoded pages, GPU parts, reads under way.
     pub footprint_bytes: u64,
+    /// Ranges under way.
     pub in_flight: usize,
     /// Bytes that one update may start to read.
     pub read_bytes_per_update: u64,
+    /// Longest range that is read at once for pages that lie together, bytes; a page longer than this is read alone.
+    pub run_bytes: u32,
+    /// Most unwanted bytes between two pages that are read at once.
+    pub gap_bytes: u32,
 }
 
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Debug, PartialEq)]
 pub enum Command {
-    Start { page: PageId, place: Place },
+    Start(RangeRead),
     Cancel(PageId),
     Evict(PageId),
 }
@@ -55,7 +69,13 @@ pub struct Event {
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize)]
 pub struct ManagerStats {
+    /// Pages asked for, and the ranges that they were read in.
     pub started: u64,
+    pub reads: u64,
+    /// Stored bytes of pages that the frame already lacked when they were asked for, and of those that were fetched
+    /// ahead.
+    pub front_bytes_started: u64,
+    pub ahead_bytes_started: u64,
     pub cancelled: u64,
     pub failed: u64,
     pub evicted: u64,
@@ -77,24 +97,22 @@ const RETRY_FIRST_SECS: f64 = 0.25;
 const RETRY_MAX_SECS: f64 = 30.0;
 /// Failures after which waiting for a page is given up when everything else is there; it is still tried again.
 const ATTEMPTS_TO_SETTLE: u32 = 3;
+/// By how much a predicted page must promise more per byte than a resident one that gives way to it: else two that are
+/// alike would drive each other out in turns.
+const GIVE_WAY_FACTOR: f64 = 2.0;
 /// Failed and broken pages remembered; beyond it the first ones in the order of pages are forgotten and tried
 /// again.
 const FAULTS_MAX: usize = 1 << 16;
 
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Slot {
-    Requested {
-        place: Place,
-        reserved_bytes: u64,
-    },
+struct UnderWay {
+    place: Place,
+    reserved_bytes: u64,
+    /// The range it is read in.
+    read: u64,
+    started_secs: f64,
     /// Cancelled, and not yet confirmed: its bytes may still be held.
-    Cancelling {
-        place: Place,
-        reserved_bytes: u64,
-    },
-    Resident {
-        bytes: u64,
-    },
+    cancelled: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -103,10 +121,9 @@ enum Fault {
     Broken,
 }
 
-/// When and how a resident page was last demanded: the order in which pages are dropped.
+/// How a page is demanded now.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Wanted {
-    update: u64,
     urgency: Urgency,
     gain: f64,
     /// When the page was first asked for since it is demanded without a break, seconds.
@@ -116,17 +133,20 @@ struct Wanted {
 pub struct RequestManager {
     limits: Limits,
     estimator: Estimator,
-    slots: HashMap<PageId, Slot>,
+    pace: Pace,
+    residents: Residents,
+    under_way: HashMap<PageId, UnderWay>,
+    /// Pages to come of each range.
+    reads: HashMap<u64, usize>,
+    next_read: u64,
     wanted: HashMap<PageId, Wanted>,
     faults: BTreeMap<PageId, Fault>,
-    resident_bytes: u64,
     reserved_bytes: u64,
-    in_flight: usize,
     /// Bytes that may still be read; below 0 after a page larger than an update's share.
     read_credit: i64,
     updates: u64,
     front_bytes: u64,
-    /// Demanded pages that are neither there nor given up.
+    /// Demanded pages of the front that are neither there nor given up.
     missing: usize,
     /// Whether the last update left a page out for lack of room.
     out_of_room: bool,
@@ -138,12 +158,14 @@ impl RequestManager {
         let manager = Self {
             limits,
             estimator: Estimator::new(),
-            slots: HashMap::new(),
+            pace: Pace::default(),
+            residents: Residents::default(),
+            under_way: HashMap::new(),
+            reads: HashMap::new(),
+            next_read: 0,
             wanted: HashMap::new(),
             faults: BTreeMap::new(),
-            resident_bytes: 0,
             reserved_bytes: 0,
-            in_flight: 0,
             read_credit: 0,
             updates: 0,
             front_bytes: 0,
@@ -182,6 +204,15 @@ impl RequestManager {
         self.limits = limits;
     }
 
+    pub fn limits(&self) -> Limits {
+        self.limits
+    }
+
+    /// How fast pages come.
+    pub fn pace(&self) -> &Pace {
+        &self.pace
+    }
+
     /// Demands of the frame in any order, resident pages included; `now_secs` from any start.
     pub fn update(&mut self, demands: &[Demand], now_secs: f64) -> Vec<Command> {
         let demands = ranked(demands);
@@ -191,9 +222,9 @@ impl RequestManager {
         self.front_bytes = self.front_bytes_of(&demands);
         let mut commands = Vec::new();
         self.cancel_unwanted(&mut commands);
-        self.get_under_limit(&mut commands);
+        self.get_under_limit(&demands, &mut commands);
         self.start_wanted(&demands, now_secs, &mut commands);
-        self.missing = demands.iter().filter(|demand| self.is_awaited(demand.page)).count();
+        self.missing = demands.iter().filter(|demand| is_front(demand) && self.is_awaited(demand.page)).count();
         commands
     }
 
@@ -203,61 +234,61 @@ impl RequestManager {
     }
 
     fn note_wanted(&mut self, demands: &[Demand]) {
+        let before = std::mem::take(&mut self.wanted);
         for demand in demands {
-            let known = self.wanted.get(&demand.page).filter(|known| known.update + 1 >= self.updates);
-            let asked_at_secs = known.and_then(|known| known.asked_at_secs);
-            let wanted = Wanted { update: self.updates, urgency: demand.urgency, gain: demand.gain, asked_at_secs };
+            let asked_at_secs = before.get(&demand.page).and_then(|known| known.asked_at_secs);
+            let wanted = Wanted { urgency: demand.urgency, gain: demand.gain, asked_at_secs };
             self.wanted.insert(demand.page, wanted);
+            self.residents.want(demand.page);
         }
-        let slots = &self.slots;
-        let now = self.updates;
-        self.wanted.retain(|page, wanted| wanted.update == now || slots.contains_key(page));
+        let mut left: Vec<PageId> = before.into_keys().filter(|page| !self.wanted.contains_key(page)).collect();
+        left.sort();
+        left.into_iter().for_each(|page| self.residents.leave(page, self.updates));
     }
 
     fn is_wanted(&self, page: PageId) -> bool {
-        self.wanted.get(&page).is_some_and(|wanted| wanted.update == self.updates)
+        self.wanted.contains_key(&page)
     }
 
     fn cancel_unwanted(&mut self, commands: &mut Vec<Command>) {
-        let mut unwanted: Vec<PageId> = self
-            .slots
-            .iter()
-            .filter(|(page, slot)| matches!(slot, Slot::Requested { .. }) && !self.is_wanted(**page))
-            .map(|(&page, _)| page)
+        let wanted = &self.wanted;
+        let unwanted =
+            self.under_way.iter_mut().filter(|(page, under_way)| !under_way.cancelled && !wanted.contains_key(page));
+        let mut pages: Vec<PageId> = unwanted
+            .map(|(&page, under_way)| {
+                under_way.cancelled = true;
+                page
+            })
             .collect();
-        unwanted.sort();
-        for page in unwanted {
-            if let Some(slot) = self.slots.get_mut(&page)
-                && let Slot::Requested { place, reserved_bytes } = *slot
-            {
-                *slot = Slot::Cancelling { place, reserved_bytes };
-                self.counts.cancelled += 1;
-                commands.push(Command::Cancel(page));
-            }
-        }
+        pages.sort();
+        self.counts.cancelled += pages.len() as u64;
+        commands.extend(pages.into_iter().map(Command::Cancel));
     }
 
     /// Drops pages when some came in larger than estimated, the front last.
-    fn get_under_limit(&mut self, commands: &mut Vec<Command>) {
-        if self.held_bytes() <= self.limits.footprint_bytes {
-            return;
-        }
-        for page in self.in_order_of_eviction(None) {
-            if self.held_bytes() <= self.limits.footprint_bytes {
-                break;
-            }
+    fn get_under_limit(&mut self, demands: &[Demand], commands: &mut Vec<Command>) {
+        while self.held_bytes() > self.limits.footprint_bytes
+            && let Some(page) = self.residents.least_recent()
+        {
             self.evict(page, commands);
+        }
+        for demand in demands.iter().rev() {
+            if self.held_bytes() <= self.limits.footprint_bytes {
+                return;
+            }
+            self.evict(demand.page, commands);
         }
     }
 
     fn start_wanted(&mut self, demands: &[Demand], now_secs: f64, commands: &mut Vec<Command>) {
-        let mut droppable: Option<Vec<PageId>> = None;
         self.out_of_room = false;
+        let mut waiting = None;
+        let mut predicted = None;
         for demand in demands {
-            if self.in_flight >= self.limits.in_flight || self.read_credit <= 0 {
+            if self.reads.len() >= self.limits.in_flight || self.read_credit <= 0 {
                 break;
             }
-            if self.slots.contains_key(&demand.page) || !self.may_try(demand.page, now_secs) {
+            if !self.may_start(demand.page, now_secs) {
                 continue;
             }
             let bytes = self.estimator.bytes(demand.page.kind, demand.place);
@@ -265,34 +296,86 @@ impl RequestManager {
                 self.out_of_room = true;
                 continue;
             }
-            let pages = droppable.get_or_insert_with(|| self.in_order_of_eviction(Some(Urgency::Predicted)));
-            let mut dropped = pages.split_off(0).into_iter().peekable();
-            while self.held_bytes() + bytes > self.plan_bytes() {
-                let Some(page) = dropped.next_if(|&page| is_front(demand) || !self.is_wanted(page)) else {
-                    break;
-                };
-                self.evict(page, commands);
-            }
-            droppable = Some(dropped.collect());
+            let predicted = predicted.get_or_insert_with(|| self.predicted_residents(demands));
+            self.make_room(demand, bytes, predicted, commands);
             if self.held_bytes() + bytes > self.plan_bytes() {
                 // Lesser demands must not take the room that this one waits for.
                 self.out_of_room = true;
                 break;
             }
-            self.start(demand, bytes, now_secs, commands);
+            let waiting = waiting.get_or_insert_with(|| self.waiting(demands, now_secs));
+            self.start(demand, waiting, now_secs, commands);
         }
     }
 
-    fn start(&mut self, demand: &Demand, reserved_bytes: u64, now_secs: f64, commands: &mut Vec<Command>) {
+    /// Resident pages that are only predicted, those to drop last first.
+    fn predicted_residents(&self, demands: &[Demand]) -> Vec<Demand> {
+        let predicted = demands.iter().filter(|demand| !is_front(demand) && self.residents.contains(demand.page));
+        predicted.copied().collect()
+    }
+
+    fn waiting(&self, demands: &[Demand], now_secs: f64) -> Waiting {
+        Waiting::new(demands.iter().filter(|demand| self.may_start(demand.page, now_secs)).copied().collect())
+    }
+
+    /// Drops what may be dropped for a page, as far as needed. What is predicted gives way to the front, and to what
+    /// promises clearly more.
+    fn make_room(&mut self, demand: &Demand, bytes: u64, predicted: &mut Vec<Demand>, commands: &mut Vec<Command>) {
+        let gives_way = |other: &Demand| is_front(demand) || GIVE_WAY_FACTOR * other.gain < demand.gain;
+        while self.held_bytes() + bytes > self.plan_bytes() {
+            if let Some(page) = self.residents.least_recent() {
+                self.evict(page, commands);
+            } else if let Some(other) = predicted.pop_if(|other| gives_way(other)) {
+                self.evict(other.page, commands);
+            } else {
+                return;
+            }
+        }
+    }
+
+    /// Starts a page, and with it those that lie beside it, as far as there is room for them without dropping anything.
+    fn start(&mut self, demand: &Demand, waiting: &mut Waiting, now_secs: f64, commands: &mut Vec<Command>) {
+        let mut room = self.plan_bytes() - self.held_bytes();
+        let estimator = self.estimator;
+        let run = waiting.take_run(demand, &self.limits, |page, place| {
+            let bytes = estimator.bytes(page.kind, place);
+            let fits = bytes <= room;
+            room -= if fits { bytes } else { 0 };
+            fits
+        });
+        let read = self.next_read;
+        self.next_read += 1;
+        for demand in &run {
+            self.note_start(demand, read, now_secs);
+        }
+        self.reads.insert(read, run.len());
+        self.pace.note_start(now_secs);
+        self.counts.reads += 1;
+        let range = RangeRead::new(read, &run);
+        self.read_credit -= i64::from(range.len);
+        commands.push(Command::Start(range));
+    }
+
+    fn note_start(&mut self, demand: &Demand, read: u64, now_secs: f64) {
         if let Some(wanted) = self.wanted.get_mut(&demand.page) {
             wanted.asked_at_secs.get_or_insert(now_secs);
         }
-        self.slots.insert(demand.page, Slot::Requested { place: demand.place, reserved_bytes });
+        let reserved_bytes = self.estimator.bytes(demand.page.kind, demand.place);
+        let place = demand.place;
+        let under_way = UnderWay { place, reserved_bytes, read, started_secs: now_secs, cancelled: false };
+        self.under_way.insert(demand.page, under_way);
         self.reserved_bytes += reserved_bytes;
-        self.in_flight += 1;
-        self.read_credit -= i64::from(demand.place.len);
         self.counts.started += 1;
-        commands.push(Command::Start { page: demand.page, place: demand.place });
+        let bytes = u64::from(place.len);
+        if is_front(demand) {
+            self.counts.front_bytes_started += bytes;
+        } else {
+            self.counts.ahead_bytes_started += bytes;
+        }
+    }
+
+    fn may_start(&self, page: PageId, now_secs: f64) -> bool {
+        !self.residents.contains(page) && !self.under_way.contains_key(&page) && self.may_try(page, now_secs)
     }
 
     fn may_try(&self, page: PageId, now_secs: f64) -> bool {
@@ -305,57 +388,36 @@ impl RequestManager {
 
     /// Whether a page that is still demanded failed, its wait is over, and it can be started.
     pub fn may_retry(&self, now_secs: f64) -> bool {
-        let may_start = self.in_flight < self.limits.in_flight && !self.out_of_room;
+        let may_start = self.reads.len() < self.limits.in_flight && !self.out_of_room;
         may_start
             && self.faults.iter().any(|(&page, fault)| {
-                matches!(fault, Fault::Failed { retry_at_secs, .. } if now_secs >= *retry_at_secs)
-                    && self.is_wanted(page)
-                    && !self.slots.contains_key(&page)
+                matches!(fault, Fault::Failed { .. }) && self.is_wanted(page) && self.may_start(page, now_secs)
             })
-    }
-
-    /// Resident pages, those to drop first first: what is not demanded now, by its last demand, then what is only
-    /// predicted, by ascending gain, then the rest. `up_to` leaves out what is demanded now above that class.
-    fn in_order_of_eviction(&self, up_to: Option<Urgency>) -> Vec<PageId> {
-        let mut pages: Vec<(u64, Urgency, f64, PageId)> = self
-            .slots
-            .iter()
-            .filter(|(_, slot)| matches!(slot, Slot::Resident { .. }))
-            .map(|(&page, _)| match self.wanted.get(&page) {
-                Some(wanted) => (wanted.update, wanted.urgency, wanted.gain, page),
-                None => (0, Urgency::Predicted, 0.0, page),
-            })
-            .filter(|&(update, urgency, ..)| update < self.updates || up_to.is_none_or(|class| urgency <= class))
-            .collect();
-        pages.sort_by(|a, b| a.0.cmp(&b.0).then(a.1.cmp(&b.1)).then(a.2.total_cmp(&b.2)).then(a.3.cmp(&b.3)));
-        pages.into_iter().map(|(.., page)| page).collect()
     }
 
     fn evict(&mut self, page: PageId, commands: &mut Vec<Command>) {
-        if let Some(&Slot::Resident { bytes }) = self.slots.get(&page) {
-            self.slots.remove(&page);
-            self.resident_bytes -= bytes;
+        if self.residents.remove(page) {
             self.counts.evicted += 1;
             commands.push(Command::Evict(page));
         }
     }
 
+    /// Takes in what became of a started page.
     pub fn complete(&mut self, event: Event, now_secs: f64) {
-        let (place, reserved_bytes) = match self.slots.get(&event.page) {
-            Some(&(Slot::Requested { place, reserved_bytes } | Slot::Cancelling { place, reserved_bytes })) => {
-                (place, reserved_bytes)
+        // Where nothing was asked for, nothing changes.
+        let Some(done) = self.under_way.remove(&event.page) else { return };
+        self.reserved_bytes -= done.reserved_bytes;
+        if let Some(left) = self.reads.get_mut(&done.read) {
+            *left -= 1;
+            if *left == 0 {
+                self.reads.remove(&done.read);
             }
-            // Nothing was asked for: nothing changes.
-            _ => return,
-        };
-        self.slots.remove(&event.page);
-        self.reserved_bytes -= reserved_bytes;
-        self.in_flight -= 1;
+        }
         match event.completion {
             Completion::Loaded { bytes } => {
-                self.slots.insert(event.page, Slot::Resident { bytes });
-                self.resident_bytes += bytes;
-                self.estimator.learn(event.page.kind, place, bytes);
+                self.residents.insert(event.page, bytes, (!self.is_wanted(event.page)).then_some(self.updates));
+                self.estimator.learn(event.page.kind, done.place, bytes);
+                self.pace.note_arrival(now_secs - done.started_secs, done.place.len);
                 self.faults.remove(&event.page);
                 if let Some(wanted) = self.wanted.get_mut(&event.page) {
                     wanted.asked_at_secs = None;
@@ -368,6 +430,7 @@ impl RequestManager {
             }
             Completion::Cancelled => {}
         }
+        self.pace.note_end(now_secs, self.reads.is_empty());
     }
 
     fn note_failure(&mut self, page: PageId, now_secs: f64) {
@@ -393,20 +456,20 @@ impl RequestManager {
             Some(Fault::Broken) => true,
             None => false,
         };
-        !given_up && !matches!(self.slots.get(&page), Some(Slot::Resident { .. }))
+        !given_up && !self.residents.contains(page)
     }
 
     fn held_bytes(&self) -> u64 {
-        self.resident_bytes + self.reserved_bytes
+        self.residents.bytes() + self.reserved_bytes
     }
 
     fn front_bytes_of(&self, demands: &[Demand]) -> u64 {
         demands
             .iter()
             .filter(|demand| is_front(demand) && self.faults.get(&demand.page) != Some(&Fault::Broken))
-            .map(|demand| match self.slots.get(&demand.page) {
-                Some(&Slot::Resident { bytes }) => bytes,
-                _ => self.estimator.bytes(demand.page.kind, demand.place),
+            .map(|demand| {
+                let held = self.residents.bytes_of(demand.page);
+                held.unwrap_or_else(|| self.estimator.bytes(demand.page.kind, demand.place))
             })
             .sum()
     }
@@ -422,14 +485,19 @@ impl RequestManager {
         self.front_bytes > self.plan_bytes()
     }
 
-    /// Whether nothing is under way and nothing more of the last demands can come: what a settled frame waits for.
+    /// Whether nothing is under way and nothing more of the front can come: what a settled frame waits for.
     /// Pages that have failed several times are not waited for.
     pub fn is_idle(&self) -> bool {
-        self.in_flight == 0 && (self.missing == 0 || self.out_of_room)
+        self.under_way.is_empty() && (self.missing == 0 || self.out_of_room)
     }
 
     pub fn is_resident(&self, page: PageId) -> bool {
-        matches!(self.slots.get(&page), Some(Slot::Resident { .. }))
+        self.residents.contains(page)
+    }
+
+    /// Whether a page is resident or on its way.
+    pub fn is_held(&self, page: PageId) -> bool {
+        self.is_resident(page) || self.under_way.get(&page).is_some_and(|under_way| !under_way.cancelled)
     }
 
     /// Bytes of resident pages and of reads under way.
@@ -439,9 +507,9 @@ impl RequestManager {
 
     pub fn stats(&self) -> ManagerStats {
         ManagerStats {
-            resident_pages: (self.slots.len() - self.in_flight) as u64,
-            resident_bytes: self.resident_bytes,
-            in_flight: self.in_flight as u64,
+            resident_pages: self.residents.len() as u64,
+            resident_bytes: self.residents.bytes(),
+            in_flight: self.under_way.len() as u64,
             ..self.counts
         }
     }

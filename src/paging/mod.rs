@@ -3,14 +3,17 @@
 
 mod estimate;
 mod manager;
-mod policy;
+mod order;
+mod pace;
 mod servers;
 mod slow;
 
 pub use manager::{
-    Command, Completion, Event, LayerCounts, Limits, ManagerError, ManagerStats, PageCounts, PageState, RequestManager,
-    least_footprint_bytes,
+    Command, Completion, Event, LayerCounts, Limits, ManagerError, ManagerStats, PageCounts, PageState, RangeRead,
+    RequestManager, least_footprint_bytes,
 };
+pub use order::{is_front, ranked, service_order};
+pub use pace::Pace;
 pub use servers::{
     Delivery, InlineServer, Outcome, PageReader, PageServer, ReadError, SHUTDOWN_WAIT, ServerError, ServerLimits,
     ThreadedServers,

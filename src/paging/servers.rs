@@ -1,6 +1,7 @@
 //! Servers: they read, verify and decode what they are told, and know no policy. Threads by layer for live runs; inline
 //! for runs in lock-step, where reading happens in the order of the commands, inside the frame.
 
+use super::RangeRead;
 use crate::content::{Page, PageId, PageKind};
 use crate::forest::index::Place;
 use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
@@ -42,10 +43,10 @@ pub struct Delivery {
     pub outcome: Outcome,
 }
 
-/// Takes commands, gives deliveries: exactly one for each start, also for cancelled ones.
+/// Takes commands, gives deliveries: exactly one for each started page, also for cancelled ones.
 pub trait PageServer: Send {
-    /// False when the queue is full; the page is then not started, and no delivery follows.
-    fn start(&mut self, page: PageId, place: Place) -> bool;
+    /// False when the queue has no room for all pages of the range; nothing is then started, and no delivery follows.
+    fn start(&mut self, read: RangeRead) -> bool;
     /// Drops a started page if it is not being read yet.
     fn cancel(&mut self, page: PageId);
     /// The next delivery that is there; never waits.
@@ -68,8 +69,8 @@ impl InlineServer {
 }
 
 impl PageServer for InlineServer {
-    fn start(&mut self, page: PageId, place: Place) -> bool {
-        self.queue.push_back((page, place));
+    fn start(&mut self, read: RangeRead) -> bool {
+        self.queue.extend(read.pages);
         true
     }
 
@@ -133,6 +134,8 @@ pub struct ThreadedServers {
     ended: Receiver<Never>,
     in_flight: usize,
     queue_len: usize,
+    /// Of pages that no thread would take.
+    unserved: VecDeque<Delivery>,
 }
 
 const LAYERS: [&str; 3] = ["terrain", "imagery", "objects"];
@@ -158,6 +161,7 @@ impl ThreadedServers {
             ended,
             in_flight: 0,
             queue_len,
+            unserved: VecDeque::new(),
         };
         for name in LAYERS {
             let (queue, jobs) = bounded(queue_len);
@@ -180,17 +184,21 @@ impl ThreadedServers {
 }
 
 impl PageServer for ThreadedServers {
-    fn start(&mut self, page: PageId, place: Place) -> bool {
-        if self.in_flight >= self.queue_len {
+    fn start(&mut self, read: RangeRead) -> bool {
+        if self.in_flight + read.pages.len() > self.queue_len {
             return false;
         }
-        match self.queues[layer(page.kind)].try_send((page, place)) {
-            Ok(()) => {
-                self.in_flight += 1;
-                true
+        // The threads of a layer have their own queues, each as long as all may be together.
+        for (page, place) in read.pages {
+            match self.queues[layer(page.kind)].try_send((page, place)) {
+                Ok(()) => self.in_flight += 1,
+                Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
+                    let error = ReadError::Failed("the threads that read have ended".into());
+                    self.unserved.push_back(Delivery { page, place, outcome: Outcome::Failed(error) });
+                }
             }
-            Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => false,
         }
+        true
     }
 
     fn cancel(&mut self, page: PageId) {
@@ -198,6 +206,9 @@ impl PageServer for ThreadedServers {
     }
 
     fn poll(&mut self) -> Option<Delivery> {
+        if let Some(delivery) = self.unserved.pop_front() {
+            return Some(delivery);
+        }
         let delivery = self.deliveries.as_ref()?.try_recv().ok()?;
         self.in_flight -= 1;
         // A cancellation that came too late must not hit the page's next start.
@@ -206,7 +217,7 @@ impl PageServer for ThreadedServers {
     }
 
     fn in_flight(&self) -> usize {
-        self.in_flight
+        self.in_flight + self.unserved.len()
     }
 }
 

@@ -1,5 +1,6 @@
 //! Demands as they come up in a selection: each page once, at its highest rank.
 
+use super::region::FrontRegion;
 use super::{Demand, Urgency};
 use crate::content::{PageId, PageKind};
 use crate::forest::CellId;
@@ -24,19 +25,6 @@ struct Wish {
     urgency: Urgency,
     gain: f64,
     missing: bool,
-}
-
-/// What a page of the front does for a part of the screen.
-#[derive(Clone, Copy, Debug)]
-pub struct Part {
-    /// Of the screen, 0 to 1.
-    pub share: f64,
-    /// By how much the excess falls when the page is there.
-    pub fall_px: f64,
-    /// Error drawn now.
-    pub error_px: f64,
-    /// Whether the page is not resident.
-    pub missing: bool,
 }
 
 #[derive(Default)]
@@ -71,13 +59,19 @@ impl DemandList {
         }
     }
 
-    /// A page of the front, for a part of the screen; what the parts give adds up.
-    pub fn visible(&mut self, page: PageId, place: Place, part: Part) {
-        let fall_px = part.fall_px.max(0.0) + KEEP_SHARE * part.error_px.min(ERROR_MAX_PX);
-        let gain = (part.share + SHARE_MIN) * fall_px / f64::from(place.len.max(1));
-        let wish =
-            self.wishes.entry(page).or_insert(Wish { place, urgency: Urgency::Visible, gain: 0.0, missing: false });
-        wish.missing |= part.missing;
+    /// The page of the front of a region; what its regions give adds up.
+    pub fn region(&mut self, region: &FrontRegion<'_>, asked_px: f64) {
+        let Some(front) = region.chain.get(region.front) else { return };
+        let missing = region.drawn != Some(region.front);
+        let wanted_px = region.error_px(Some(region.front)).max(asked_px);
+        let fall_px = if missing { (region.drawn_px - wanted_px).max(0.0) } else { 0.0 };
+        let error_px = if region.drawn.is_some() { region.drawn_px } else { region.absent_px };
+        let worth_px = fall_px + KEEP_SHARE * error_px.min(ERROR_MAX_PX);
+        let gain = (region.share + SHARE_MIN) * worth_px / f64::from(front.place.len.max(1));
+        let page = PageId { cell: front.cell, kind: region.kind };
+        let (place, urgency) = (front.place, Urgency::Visible);
+        let wish = self.wishes.entry(page).or_insert(Wish { place, urgency, gain: 0.0, missing: false });
+        wish.missing |= missing;
         if wish.urgency == Urgency::Visible {
             wish.gain += gain;
         }

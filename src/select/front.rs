@@ -5,10 +5,13 @@
 //! has no child, the parent is cut to the quadrant. Pages are taken from the cell or its nearest resident ancestor; where
 //! a page of the front is missing and finer ones are resident below, those stand in for it. At last quadrants that
 //! draw the same pages as their parent become one piece again.
+//!
+//! The cells at which the walk settles are the regions that everything is measured by: they follow from the index, the
+//! view and the tolerance, and not from what is resident. So debt, what a page would take off it, and the debt that no
+//! policy can beat are sums over the same regions with the same weights.
 
-use super::demands::{DemandList, Part};
 use super::layer::{Layer, Offer, Rep};
-use super::measure::LayerMeasure;
+use super::region::{FrontRegion, VisitRegion};
 use super::sight::Sight;
 use super::{DrawPiece, OutOfView, SelectStats};
 use crate::cells::LiveTree;
@@ -43,13 +46,6 @@ impl Piece {
     }
 }
 
-pub struct Front {
-    /// Apart from one another, ascending by cell.
-    pub pieces: Vec<Piece>,
-    /// Of terrain and of imagery.
-    pub measures: Vec<LayerMeasure>,
-}
-
 /// A cell of the walk: with its node, or below the world's finest.
 #[derive(Clone, Copy)]
 struct Region<'a> {
@@ -68,41 +64,43 @@ struct Layers {
     imagery: Layer,
 }
 
+/// What a walk is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Purpose {
+    /// Pieces to draw.
+    Draw(OutOfView),
+    /// The regions alone.
+    Survey,
+}
+
 struct Walk<'a, 'b> {
     cells: &'a LiveTree,
     sight: &'a Sight<'a>,
-    out_of_view: OutOfView,
-    demands: &'b mut DemandList,
+    purpose: Purpose,
+    visit_region: &'b mut VisitRegion<'b>,
     stats: &'b mut SelectStats,
     pieces: Vec<Piece>,
-    terrain: LayerMeasure,
-    imagery: LayerMeasure,
+    /// Existing pages of terrain and of imagery from the root down to the cell of the walk.
+    chains: [Vec<Rep>; 2],
 }
 
-pub fn walk(
+/// Shows each layer of each region of the front, and gives the pieces to draw: apart from one another, ascending by
+/// cell.
+pub fn walk<'b>(
     index: &IndexForest,
     cells: &LiveTree,
     sight: &Sight<'_>,
-    out_of_view: OutOfView,
-    demands: &mut DemandList,
-    stats: &mut SelectStats,
-) -> Front {
-    let mut walk = Walk {
-        cells,
-        sight,
-        out_of_view,
-        demands,
-        stats,
-        pieces: Vec::new(),
-        terrain: LayerMeasure::default(),
-        imagery: LayerMeasure::default(),
-    };
+    purpose: Purpose,
+    visit_region: &'b mut VisitRegion<'b>,
+    stats: &'b mut SelectStats,
+) -> Vec<Piece> {
+    let mut walk = Walk { cells, sight, purpose, visit_region, stats, pieces: Vec::new(), chains: Default::default() };
     for root in index.trees().map(|tree| tree.root()) {
         let region = Region { cell: root.cell(), node: Some(root), heights_m: root.height_range_m(), above_m: 0.0 };
-        walk.visit(region, Layers::default(), STAND_IN_LEVELS);
+        walk.visit(region, Layers::default(), None);
     }
     walk.pieces.sort_by_key(|piece| piece.cell);
-    Front { pieces: walk.pieces, measures: vec![walk.terrain, walk.imagery] }
+    walk.pieces
 }
 
 /// Takes the pages of the pieces; nearest first, so that what is behind is hidden before it is shaded.
@@ -129,21 +127,23 @@ pub fn draw(pieces: Vec<Piece>, skirts_m: &[f64], cells: &LiveTree) -> Vec<DrawP
 pub fn step_terrain(layer: &mut Layer, node: &Node<'_>, cells: &LiveTree, px_per_m: f64, sight: &Sight<'_>) {
     let offer = Offer {
         rep: layer.terrain_rep(node),
-        resident: cells.terrain(node.cell()).is_some(),
+        resident: cells.has_terrain(node.cell()),
         finer: node.children().any(|child| child.terrain().is_some()),
     };
     layer.step(&offer, px_per_m, sight.tolerance);
 }
 
 impl<'a> Walk<'a, '_> {
-    fn visit(&mut self, region: Region<'a>, mut layers: Layers, stand_in_levels: u8) {
+    /// `standing` is how many levels further down pages may stand in for one of a region above; the region is measured
+    /// already.
+    fn visit(&mut self, region: Region<'a>, mut layers: Layers, standing: Option<u8>) {
         let bounds = region.cell.bounds();
         let (low_m, high_m) = region.heights_m;
         let around = OrientedBox::around(&bounds, low_m, high_m);
         self.stats.cells_tested += 1;
         if !self.sight.sees(&around) {
             self.stats.cells_culled += 1;
-            if self.out_of_view == OutOfView::Coarse && !self.sight.horizon.hides_box(&around) {
+            if self.purpose == Purpose::Draw(OutOfView::Coarse) && !self.sight.horizon.hides_box(&around) {
                 self.keep_coarse(&region, layers, around);
             }
             return;
@@ -151,28 +151,34 @@ impl<'a> Walk<'a, '_> {
         let distance_m = around.distance_m(self.sight.eye).max(region.above_m);
         let px_per_m = self.sight.view.projected_px(1.0, distance_m);
         let children = self.step(&region, &mut layers, px_per_m);
-        let here = piece(&region, &layers, distance_m, around, self.sight);
-        let first = self.pieces.len();
         let settled = layers.terrain.is_settled() && layers.imagery.is_settled();
+        if settled && standing.is_none() {
+            let share = self.sight.screen_share(&bounds, low_m);
+            self.measure(&region, &layers, share, px_per_m);
+        }
+        if settled && self.purpose == Purpose::Survey {
+            return;
+        }
+        let left = standing.unwrap_or(STAND_IN_LEVELS);
         let stands_in = settled
-            && stand_in_levels > 0
+            && left > 0
             && !(layers.terrain.front_is_drawn() && layers.imagery.front_is_drawn())
             && self.cells.has_finer(region.cell);
-        if !settled || stands_in {
-            let left = if settled { stand_in_levels - 1 } else { stand_in_levels };
-            for quadrant in Quadrant::ALL {
-                if let Some(cell) = region.cell.child(quadrant) {
-                    let node = children[quadrant as usize];
-                    let heights_m = node.map_or(region.heights_m, |node| node.height_range_m());
-                    self.visit(Region { cell, node, heights_m, above_m: distance_m }, layers, left);
-                }
-            }
-            self.merge(first, here);
-        } else {
-            let share = self.sight.screen_share(&bounds, low_m);
-            self.measure(&layers, share, px_per_m);
+        let here = piece(&region, &layers, distance_m, around, self.sight);
+        if settled && !stands_in {
             self.pieces.extend(here);
+            return;
         }
+        let first = self.pieces.len();
+        let standing = if settled { Some(left - 1) } else { standing };
+        for quadrant in Quadrant::ALL {
+            if let Some(cell) = region.cell.child(quadrant) {
+                let node = children[quadrant as usize];
+                let heights_m = node.map_or(region.heights_m, |node| node.height_range_m());
+                self.visit(Region { cell, node, heights_m, above_m: distance_m }, layers, standing);
+            }
+        }
+        self.merge(first, here);
     }
 
     /// A piece out of view, from the pages drawn above it; from its own where nothing is above.
@@ -185,7 +191,9 @@ impl<'a> Walk<'a, '_> {
     }
 
     /// Steps both layers to the region's node, and gives its children.
-    fn step(&self, region: &Region<'a>, layers: &mut Layers, px_per_m: f64) -> [Option<Node<'a>>; 4] {
+    fn step(&mut self, region: &Region<'a>, layers: &mut Layers, px_per_m: f64) -> [Option<Node<'a>>; 4] {
+        // A layer has pages from the root down without gaps: a chain's length is the level it has reached.
+        self.chains.iter_mut().for_each(|chain| chain.truncate(region.cell.level().into()));
         let Some(node) = region.node else {
             layers.terrain.settle();
             layers.imagery.settle();
@@ -194,7 +202,7 @@ impl<'a> Walk<'a, '_> {
         let children = Quadrant::ALL.map(|quadrant| if node.has_children() { node.child(quadrant) } else { None });
         let terrain = Offer {
             rep: layers.terrain.terrain_rep(&node),
-            resident: self.cells.terrain(region.cell).is_some(),
+            resident: self.cells.has_terrain(region.cell),
             finer: children.iter().flatten().any(|child| child.terrain().is_some()),
         };
         let imagery = Offer {
@@ -202,6 +210,8 @@ impl<'a> Walk<'a, '_> {
             resident: self.cells.has_imagery(region.cell),
             finer: children.iter().flatten().any(|child| child.imagery().is_some()),
         };
+        self.chains[0].extend(terrain.rep);
+        self.chains[1].extend(imagery.rep);
         layers.terrain.step(&terrain, px_per_m, self.sight.tolerance);
         layers.imagery.step(&imagery, px_per_m, self.sight.tolerance);
         children
@@ -218,52 +228,57 @@ impl<'a> Walk<'a, '_> {
         }
     }
 
-    /// Measures a cell of the front and demands its pages.
-    fn measure(&mut self, layers: &Layers, share: f64, px_per_m: f64) {
+    /// Shows both layers of a region of the front.
+    fn measure(&mut self, region: &Region<'_>, layers: &Layers, share: f64, px_per_m: f64) {
         let tolerance = self.sight.tolerance;
-        let terrain_px =
-            |rep: Rep, tolerance_px| rep.morphed_error_m(rep.own_weight(px_per_m, tolerance_px)) * px_per_m;
-        let drawn = layers.terrain.drawn().map(|rep| terrain_px(rep, tolerance.drawn_px));
-        Self::measure_layer(
-            self.demands,
-            &mut self.terrain,
-            &layers.terrain,
-            Look { kind: PageKind::Terrain, share, drawn_px: drawn, px_per_m, asked_px: tolerance.asked_px },
-        );
-        let drawn = layers.imagery.drawn().map(|rep| rep.error_m * px_per_m);
-        Self::measure_layer(
-            self.demands,
-            &mut self.imagery,
-            &layers.imagery,
-            Look { kind: PageKind::Imagery, share, drawn_px: drawn, px_per_m, asked_px: tolerance.asked_px },
-        );
+        for (kind, layer, chain) in [
+            (PageKind::Terrain, &layers.terrain, &self.chains[0]),
+            (PageKind::Imagery, &layers.imagery, &self.chains[1]),
+        ] {
+            let (Some(front), Some(best)) = (layer.front(), layer.best()) else { continue };
+            let error_px = |rep: Rep| {
+                let own = if kind == PageKind::Terrain { rep.own_weight(px_per_m, tolerance.drawn_px) } else { 1.0 };
+                rep.morphed_error_m(own) * px_per_m
+            };
+            // Where nothing is drawn, the whole side of the cell is taken for the error.
+            let absent_px = front.cell.bounds().height_rad() * SEMI_MAJOR_M * px_per_m;
+            let is_covered = || {
+                region
+                    .node
+                    .is_some_and(|node| self.cells.has_finer(region.cell) && self.covers(&node, kind, STAND_IN_LEVELS))
+            };
+            let drawn_px = match layer.drawn() {
+                _ if !layer.front_is_drawn() && is_covered() => error_px(front),
+                Some(drawn) => error_px(drawn),
+                None => absent_px,
+            };
+            (self.visit_region)(&FrontRegion {
+                kind,
+                cell: region.cell,
+                share,
+                chain,
+                px_per_m,
+                absent_px,
+                drawn_px,
+                front: usize::from(front.cell.level()),
+                best: usize::from(best.cell.level()),
+                drawn: layer.drawn().map(|drawn| usize::from(drawn.cell.level())),
+            });
+        }
     }
 
-    fn measure_layer(demands: &mut DemandList, measure: &mut LayerMeasure, layer: &Layer, look: Look) {
-        let (Some(front), Some(best)) = (layer.front(), layer.best()) else {
-            return;
-        };
-        let front_px = front.error_m * look.px_per_m;
-        // Where nothing is drawn, the whole side of the cell is taken for the error.
-        let side_m = front.cell.bounds().height_rad() * SEMI_MAJOR_M;
-        let drawn_px = look.drawn_px.unwrap_or(side_m * look.px_per_m);
-        measure.add(look.share, drawn_px, best.error_m * look.px_per_m, look.asked_px);
-        let missing = layer.drawn().is_none_or(|drawn| drawn.cell != front.cell);
-        let page = PageId { cell: front.cell, kind: look.kind };
-        let fall_px = if missing { drawn_px - front_px.max(look.asked_px) } else { 0.0 };
-        demands.visible(page, front.place, Part { share: look.share, fall_px, error_px: drawn_px, missing });
+    /// Whether resident pages below a node cover all of it; its own does not count.
+    fn covers(&self, node: &Node<'_>, kind: PageKind, levels: u8) -> bool {
+        levels > 0
+            && node.cell().children().all(|cell| {
+                self.cells.contains(PageId { cell, kind })
+                    || (self.cells.has_finer(cell)
+                        && cell
+                            .quadrant()
+                            .and_then(|quadrant| node.child(quadrant))
+                            .is_some_and(|child| self.covers(&child, kind, levels - 1)))
+            })
     }
-}
-
-/// How a layer of a cell is looked at.
-#[derive(Clone, Copy)]
-struct Look {
-    kind: PageKind,
-    share: f64,
-    /// `None` where nothing is resident.
-    drawn_px: Option<f64>,
-    px_per_m: f64,
-    asked_px: f64,
 }
 
 fn piece(

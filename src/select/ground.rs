@@ -1,5 +1,6 @@
-//! The ground under the eye: its chain of cells is demanded before all else, and where the drawn surface would bury the
-//! eye it is pressed down.
+//! The ground under the eye: what the front wants of it is demanded before all else, and so is what is drawn of it
+//! meanwhile; coarser pages of the chain that are not there yet would be passed before they help. Where the drawn surface
+//! would bury the eye it is pressed down.
 
 use super::GroundPress;
 use super::demands::DemandList;
@@ -52,13 +53,14 @@ pub fn under_eye(index: &IndexForest, cells: &LiveTree, sight: &Sight<'_>, deman
     let mut layer = Layer::default();
     let mut next = index.tree(finest.zone()).map(|tree| tree.root());
     let (mut distance_m, mut px_per_m) = (0.0, 0.0);
+    let mut chain = Vec::new();
     while let Some(node) = next {
         let (low_m, high_m) = node.height_range_m();
         let around = OrientedBox::around(&node.cell().bounds(), low_m, high_m);
         distance_m = around.distance_m(sight.eye).max(distance_m);
         px_per_m = sight.view.projected_px(1.0, distance_m);
         if !layer.front_is_settled() {
-            demands.ground(&node);
+            chain.push(node);
         }
         step_terrain(&mut layer, &node, cells, px_per_m, sight);
         if layer.front_is_settled() && layer.front_is_drawn() {
@@ -68,6 +70,12 @@ pub fn under_eye(index: &IndexForest, cells: &LiveTree, sight: &Sight<'_>, deman
             .ancestor(node.cell().level() + 1)
             .and_then(CellId::quadrant)
             .and_then(|quadrant| node.child(quadrant));
+    }
+    let last = chain.len().saturating_sub(1);
+    for (at, node) in chain.iter().enumerate() {
+        if at == last || cells.has_terrain(node.cell()) {
+            demands.ground(node);
+        }
     }
     let drawn = layer.drawn()?;
     let own = drawn.own_weight(px_per_m, sight.tolerance.drawn_px);

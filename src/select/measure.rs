@@ -2,14 +2,14 @@
 
 use super::SelectStats;
 
-/// One drawn piece of a layer.
+/// One region of a layer.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Item {
     share: f64,
     excess_px: f64,
 }
 
-/// A layer's pieces.
+/// A layer's regions.
 #[derive(Clone, Debug, Default)]
 pub struct LayerMeasure {
     items: Vec<Item>,
@@ -17,20 +17,15 @@ pub struct LayerMeasure {
 }
 
 impl LayerMeasure {
-    /// Adds a piece with its share of the screen, and gives its excess. `best_px` is the error that the settled front
-    /// has there.
-    pub fn add(&mut self, share: f64, drawn_px: f64, best_px: f64, asked_px: f64) -> f64 {
-        let excess_px = (drawn_px - asked_px.max(best_px)).max(0.0);
-        // Rounding of the same error at the same distance is no excess.
-        let excess_px = if excess_px <= 1e-9 * drawn_px { 0.0 } else { excess_px };
+    /// Adds a region with the excess drawn there.
+    pub fn add(&mut self, share: f64, drawn_px: f64, excess_px: f64) {
         self.items.push(Item { share, excess_px });
         if share > 0.0 {
             self.raw_error_px = self.raw_error_px.max(drawn_px);
         }
-        excess_px
     }
 
-    /// Of pieces that take some of the screen.
+    /// Of regions that take some of the screen.
     pub fn excess_max_px(&self) -> f64 {
         self.items.iter().filter(|item| item.share > 0.0).map(|item| item.excess_px).fold(0.0, f64::max)
     }
@@ -87,12 +82,12 @@ mod tests {
     #[test]
     fn debt_is_the_weighted_mean_of_what_can_be_cured() {
         let mut terrain = LayerMeasure::default();
-        assert_eq!(terrain.add(0.5, 5.0, 0.3, 1.0), 4.0);
-        assert_eq!(terrain.add(0.25, 8.0, 8.0, 1.0), 0.0);
-        assert_eq!(terrain.add(0.25, 0.5, 0.1, 1.0), 0.0);
+        terrain.add(0.5, 5.0, 4.0);
+        terrain.add(0.25, 8.0, 0.0);
+        terrain.add(0.25, 0.5, 0.0);
         let mut imagery = LayerMeasure::default();
-        imagery.add(0.004, 9.0, 1.0, 1.0);
-        imagery.add(0.796, 3.0, 2.0, 1.0);
+        imagery.add(0.004, 9.0, 8.0);
+        imagery.add(0.796, 3.0, 1.0);
         let mut stats = SelectStats::default();
         summarize(&[terrain, imagery, LayerMeasure::default()], &mut stats);
         assert!((stats.debt_px - (2.0 + (0.004 * 8.0 + 0.796) / 0.8)).abs() < 1e-12);

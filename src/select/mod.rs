@@ -6,19 +6,25 @@ mod ground;
 mod layer;
 mod measure;
 mod objects;
+mod region;
 mod sight;
 mod skirts;
 
 use crate::camera::View;
 use crate::cells::LiveTree;
-use crate::content::{ObjectPage, PageId, TerrainPage};
+use crate::content::{ObjectPage, PageId, PageKind, TerrainPage};
 use crate::forest::CellId;
 use crate::forest::index::{IndexForest, Place};
 use crate::geodesy::OrientedBox;
 use demands::DemandList;
+use front::Purpose;
+use measure::LayerMeasure;
 use sight::{Sight, Tolerance};
 use std::ops::Range;
 use std::sync::Arc;
+
+pub use layer::Rep;
+pub use region::{FrontRegion, VisitRegion};
 
 /// VGIS's four ways to draw objects (Davis et al. 1999, §V).
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -162,18 +168,60 @@ pub fn select_raised(
     demands.pin_roots(index);
     let ground = ground::under_eye(index, cells, &sight, &mut demands);
     let press = ground.and_then(|ground| ground.press(view.pose.eye.height_m));
-    let front = front::walk(index, cells, &sight, params.out_of_view, &mut demands, &mut stats);
-    let skirts_m = skirts::depths_m(&front.pieces, press.as_ref());
-    let mut layers = front.measures;
-    let (objects, object_measure) = objects::walk(index, cells, &sight, params, &mut demands, &mut stats);
-    layers.push(object_measure);
-    // The first layer is terrain.
-    stats.terrain_excess_max_px = layers.first().map_or(0.0, measure::LayerMeasure::excess_max_px);
-    measure::summarize(&layers, &mut stats);
+    let mut measures = [(); LAYERS].map(|()| LayerMeasure::default());
+    let mut measure = |region: &FrontRegion<'_>| {
+        let excess_px = region.excess_px(region.drawn_px, params.tolerance_px);
+        measures[layer_of(region.kind)].add(region.share, region.drawn_px, excess_px);
+        demands.region(region, params.tolerance_px);
+    };
+    let purpose = Purpose::Draw(params.out_of_view);
+    let pieces = front::walk(index, cells, &sight, purpose, &mut measure, &mut stats);
+    let objects = objects::walk(index, cells, &sight, params, purpose, &mut measure, &mut stats);
+    let skirts_m = skirts::depths_m(&pieces, press.as_ref());
+    stats.terrain_excess_max_px = measures[layer_of(PageKind::Terrain)].excess_max_px();
+    measure::summarize(&measures, &mut stats);
     stats.pages_missing = u32::try_from(demands.missing()).unwrap_or(u32::MAX);
-    let pieces = front::draw(front.pieces, &skirts_m, cells);
+    let pieces = front::draw(pieces, &skirts_m, cells);
     stats.triangles = triangles(&sight, &pieces, &objects);
     Selection { pieces, objects, demands: demands.finish(), press, stats }
+}
+
+/// Shows what a view wants of each part of the ground, without choosing what to draw: the regions of the front, terrain
+/// and imagery of a region one after the other, then the pages of objects.
+pub fn survey(
+    index: &IndexForest,
+    cells: &LiveTree,
+    view: &View,
+    params: &SelectParams,
+    drawn_tolerance_px: f64,
+    mut visit_region: impl FnMut(&FrontRegion<'_>),
+) {
+    let drawn_px = drawn_tolerance_px.max(params.tolerance_px);
+    let tolerance = Tolerance { asked_px: params.tolerance_px, drawn_px };
+    let sight = Sight::new(index, view, tolerance, OutOfView::Left);
+    let mut stats = SelectStats::default();
+    front::walk(index, cells, &sight, Purpose::Survey, &mut visit_region, &mut stats);
+    objects::walk(index, cells, &sight, params, Purpose::Survey, &mut visit_region, &mut stats);
+}
+
+/// The terrain under an eye, finest first: blocking demands.
+pub fn ground_demands(index: &IndexForest, cells: &LiveTree, view: &View, params: &SelectParams) -> Vec<Demand> {
+    let tolerance = Tolerance { asked_px: params.tolerance_px, drawn_px: params.tolerance_px };
+    let mut demands = DemandList::default();
+    ground::under_eye(index, cells, &Sight::new(index, view, tolerance, OutOfView::Left), &mut demands);
+    demands.finish()
+}
+
+/// Layers that lie over one another, each measured for itself.
+pub const LAYERS: usize = 3;
+
+/// A page's place among [`LAYERS`].
+pub fn layer_of(kind: PageKind) -> usize {
+    match kind {
+        PageKind::Terrain => 0,
+        PageKind::Imagery => 1,
+        PageKind::Objects { .. } => 2,
+    }
 }
 
 fn triangles(sight: &Sight<'_>, pieces: &[DrawPiece], objects: &[DrawObjects]) -> u64 {

@@ -3,12 +3,13 @@
 //!
 //! Cells know their objects by centre; an object reaches at most half its reach beyond its cell, so bounds grow by that.
 
-use super::demands::{DemandList, Part};
-use super::measure::LayerMeasure;
+use super::front::Purpose;
+use super::layer::Rep;
+use super::region::{FrontRegion, VisitRegion};
 use super::sight::Sight;
 use super::{DrawObjects, ObjectsMode, SelectParams, SelectStats};
 use crate::cells::LiveTree;
-use crate::content::{CellObjects, ObjectPage, PageId, PageKind};
+use crate::content::{CellObjects, ObjectPage, PageKind};
 use crate::forest::index::{IndexForest, Node, ObjectsEntry};
 use crate::geodesy::{GeoBounds, OrientedBox, SEMI_MAJOR_M};
 use glam::DVec3;
@@ -27,20 +28,22 @@ struct Walk<'a, 'b> {
     asked_px: f64,
     /// Threshold drawn, raised like the tolerance where memory or time lack.
     drawn_px: f64,
-    demands: &'b mut DemandList,
+    purpose: Purpose,
+    visit_region: &'b mut VisitRegion<'b>,
     stats: &'b mut SelectStats,
     drawn: Vec<DrawObjects>,
-    measure: LayerMeasure,
 }
 
-pub fn walk(
+/// Shows each page of objects in view as a region of its own, and gives what is drawn of the resident ones.
+pub fn walk<'b>(
     index: &IndexForest,
     cells: &LiveTree,
     sight: &Sight<'_>,
     params: &SelectParams,
-    demands: &mut DemandList,
-    stats: &mut SelectStats,
-) -> (Vec<DrawObjects>, LayerMeasure) {
+    purpose: Purpose,
+    visit_region: &'b mut VisitRegion<'b>,
+    stats: &'b mut SelectStats,
+) -> Vec<DrawObjects> {
     let raised = sight.tolerance.drawn_px / sight.tolerance.asked_px;
     let (asked_px, drawn_px) = match params.objects {
         ObjectsMode::Off => return Default::default(),
@@ -48,12 +51,11 @@ pub fn walk(
         // Worlds have no groups yet: each object stands for itself.
         ObjectsMode::Cells | ObjectsMode::Groups => (params.threshold_px, params.threshold_px * raised),
     };
-    let mut walk =
-        Walk { cells, sight, asked_px, drawn_px, demands, stats, drawn: Vec::new(), measure: LayerMeasure::default() };
+    let mut walk = Walk { cells, sight, asked_px, drawn_px, purpose, visit_region, stats, drawn: Vec::new() };
     for tree in index.trees() {
         walk.visit(&tree.root());
     }
-    (walk.drawn, walk.measure)
+    walk.drawn
 }
 
 /// A node's place in the view.
@@ -101,15 +103,23 @@ impl Walk<'_, '_> {
         let (cell, kind) = (place.node.cell(), PageKind::Objects { collection: entry.collection, rep: entry.rep });
         let wanted = self.is_above_threshold(entry.dimension_m, place.distance_m);
         let resident = self.cells.objects(cell, entry.collection, entry.rep).filter(|_| wanted);
-        let share = self.sight.screen_share(&place.bounds, place.node.height_range_m().0);
-        let error_drawn_px = if resident.is_some() { 0.0 } else { error_px };
-        let excess_px = self.measure.add(share, error_drawn_px, 0.0, self.sight.tolerance.asked_px);
-        if !wanted {
-            return;
-        }
-        let part = Part { share, fall_px: excess_px, error_px, missing: resident.is_none() };
-        self.demands.visible(PageId { cell, kind }, entry.place, part);
-        if let Some(page) = resident {
+        let page = Rep { cell, place: entry.place, error_m: 0.0, parent_error_m: 0.0 };
+        (self.visit_region)(&FrontRegion {
+            kind,
+            cell,
+            share: self.sight.screen_share(&place.bounds, place.node.height_range_m().0),
+            chain: &[page],
+            px_per_m: self.sight.view.projected_px(1.0, place.distance_m),
+            absent_px: error_px,
+            drawn_px: if resident.is_some() { 0.0 } else { error_px },
+            // Below the threshold drawn the page is left out: nothing of the chain is wanted.
+            front: usize::from(!wanted),
+            best: 0,
+            drawn: resident.map(|_| 0),
+        });
+        if let Some(page) = resident
+            && self.purpose != Purpose::Survey
+        {
             let objects = self.objects_of(page, place);
             if !objects.is_empty() {
                 self.drawn.push(DrawObjects { page: page.clone(), objects });

@@ -1,7 +1,8 @@
 //! What a display needs to know: the state of pages, how many there are of each, and how long one is awaited.
 
-use super::{RequestManager, Slot};
+use super::RequestManager;
 use crate::content::{PageId, PageKind};
+use crate::select::Urgency;
 
 /// What the request manager knows of a page.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
@@ -62,39 +63,38 @@ impl LayerCounts {
 
 impl RequestManager {
     pub fn state(&self, page: PageId) -> PageState {
-        match self.slots.get(&page) {
-            Some(Slot::Resident { .. }) => PageState::Resident,
-            Some(Slot::Requested { .. } | Slot::Cancelling { .. }) => PageState::Requested,
-            None if self.faults.contains_key(&page) => PageState::Failed,
-            None => PageState::Absent,
+        if self.residents.contains(page) {
+            PageState::Resident
+        } else if self.under_way.contains_key(&page) {
+            PageState::Requested
+        } else if self.faults.contains_key(&page) {
+            PageState::Failed
+        } else {
+            PageState::Absent
         }
     }
 
     /// Counts anew, in time proportional to the pages that are known.
     pub fn page_counts(&self) -> LayerCounts {
         let mut counts = LayerCounts::default();
-        for (&page, slot) in &self.slots {
-            let layer = counts.of(page);
-            match slot {
-                Slot::Resident { .. } => layer.resident += 1,
-                Slot::Requested { .. } | Slot::Cancelling { .. } => layer.requested += 1,
-            }
-        }
-        for &page in self.faults.keys().filter(|page| !self.slots.contains_key(page)) {
-            counts.of(page).failed += 1;
-        }
-        for &page in self.wanted.keys().filter(|page| self.is_wanted(**page) && self.is_awaited(**page)) {
-            counts.of(page).missing += 1;
+        self.residents.pages().for_each(|page| counts.of(page).resident += 1);
+        self.under_way.keys().for_each(|&page| counts.of(page).requested += 1);
+        let failed = self.faults.keys().filter(|page| self.state(**page) == PageState::Failed);
+        failed.for_each(|&page| counts.of(page).failed += 1);
+        for &page in self.wanted.iter().filter(|(_, wanted)| wanted.urgency > Urgency::Predicted).map(|(page, _)| page)
+        {
+            counts.of(page).missing += u64::from(self.is_awaited(page));
         }
         counts
     }
 
     /// When the page that has been waited for longest was first asked for, on the clock of [`RequestManager::update`]:
-    /// of those that have been demanded in every update since, are not resident, and are not given up. Tries that
+    /// of those of the front that have been
+    /// demanded in every update since, are not resident, and are not given up. Tries that
     /// failed in between count as waiting.
     pub fn awaited_since_secs(&self) -> Option<f64> {
         let awaited =
-            self.wanted.iter().filter(|(page, wanted)| wanted.update == self.updates && self.is_awaited(**page));
+            self.wanted.iter().filter(|(page, wanted)| wanted.urgency > Urgency::Predicted && self.is_awaited(**page));
         awaited.filter_map(|(_, wanted)| wanted.asked_at_secs).min_by(f64::total_cmp)
     }
 }

@@ -1,8 +1,8 @@
-//! The order of service. The policy `demand` asks for the front only and prefetches nothing (Varadhan & Manocha 2002,
-//! OOCNoPre; VGIS without prediction): the demands of the present view are served as selection ranks them.
+//! The order of service: urgency is a named class, then gain per byte.
 
 use crate::select::{Demand, Urgency};
 use std::cmp::Ordering;
+use std::collections::HashSet;
 
 /// More urgent first; within a class larger gain first; then by page, so that the order is total.
 pub fn service_order(a: &Demand, b: &Demand) -> Ordering {
@@ -11,7 +11,7 @@ pub fn service_order(a: &Demand, b: &Demand) -> Ordering {
 
 /// Demands in the order of service, each page once, at its highest rank.
 pub fn ranked(demands: &[Demand]) -> Vec<Demand> {
-    let mut seen = std::collections::HashSet::with_capacity(demands.len());
+    let mut seen = HashSet::with_capacity(demands.len());
     let mut ranked = demands.to_vec();
     ranked.sort_by(service_order);
     ranked.retain(|demand| seen.insert(demand.page));

@@ -1,0 +1,50 @@
+//! What a view wants of a part of the ground, layer by layer: the one measure that debt, gains and the lower bound of
+//! debt are taken with.
+
+use super::layer::Rep;
+use crate::content::PageKind;
+use crate::forest::CellId;
+
+/// One layer of a region of the front: a cell at the finer of what its layers want, or the cell of a page of objects.
+#[derive(Clone, Copy, Debug)]
+pub struct FrontRegion<'a> {
+    pub kind: PageKind,
+    pub cell: CellId,
+    /// Share of the screen, 0 to 1: of the bounding quad clipped to the viewport, horizon applied.
+    pub share: f64,
+    /// The pages that exist here, from the zone's root down to the region itself; of objects the one page.
+    pub chain: &'a [Rep],
+    /// Pixels that an error of one metre takes at the region's distance.
+    pub px_per_m: f64,
+    /// Error where nothing of the chain is resident.
+    pub absent_px: f64,
+    /// Error that is drawn now.
+    pub drawn_px: f64,
+    /// Place in the chain of the page that the tolerance drawn wants, of the one that the tolerance asked for wants,
+    /// and of the one that is drawn. Those before `best` cure less, those behind it no more.
+    pub front: usize,
+    pub best: usize,
+    pub drawn: Option<usize>,
+}
+
+/// Takes the regions of a view, one after the other.
+pub type VisitRegion<'v> = dyn FnMut(&FrontRegion<'_>) + 'v;
+
+impl FrontRegion<'_> {
+    /// Error of the settled front, px.
+    pub fn best_px(&self) -> f64 {
+        self.error_px(Some(self.best))
+    }
+
+    /// Error once the page at that place of the chain is drawn; of `None`, where nothing is. Px.
+    pub fn error_px(&self, at: Option<usize>) -> f64 {
+        at.and_then(|at| self.chain.get(at)).map_or(self.absent_px, |rep| rep.error_m * self.px_per_m)
+    }
+
+    /// How far an error is above what can be drawn here at a tolerance, px.
+    pub fn excess_px(&self, error_px: f64, tolerance_px: f64) -> f64 {
+        let excess_px = (error_px - tolerance_px.max(self.best_px())).max(0.0);
+        // Rounding of the same error at the same distance is no excess.
+        if excess_px <= 1e-9 * error_px { 0.0 } else { excess_px }
+    }
+}
