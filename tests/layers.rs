@@ -134,7 +134,11 @@ fn faults(module: &str, path: &str, source: &str) -> Vec<String> {
             }
         }
     }
-    if module == "select" || path.contains("paging/manager") || path.contains("paging/policy") || path.ends_with("paging/order.rs") {
+    if module == "select"
+        || path.contains("paging/manager")
+        || path.contains("paging/policy")
+        || path.ends_with("paging/order.rs")
+    {
         for word in IMPURE.iter().filter(|word| words.iter().any(|w| w == **word)) {
             faults.push(format!("{path}: the pure middle names `{word}`"));
         }

@@ -20,13 +20,14 @@ mod residency;
 mod scene;
 mod sink;
 mod surroundings;
+mod throttle;
 mod tolerance;
 mod usage;
 
 pub use cost::{CostModel, Load, TimeBudget};
 pub use footprint::{
-    IN_FLIGHT_MAX, MESH_MIN_BYTES, Partition, READ_BYTES_PER_FRAME, SCRATCH_PER_SERVER_BYTES, SLACK_BYTES,
-    THREADS_PER_LAYER, UPLOAD_BYTES_PER_FRAME,
+    IN_FLIGHT_MAX, MESH_MIN_BYTES, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, SCRATCH_PER_SERVER_BYTES,
+    SLACK_BYTES, THREADS_PER_LAYER, UPLOAD_BYTES_PER_FRAME,
 };
 pub use frame::Engine;
 pub use ground::GroundProbe;
@@ -37,4 +38,5 @@ pub use pick_mesh::{PICK_MESH_BYTES_MAX, PickWork};
 pub use reader::Source;
 pub use report::{FrameReport, FrameTimings};
 pub use surroundings::{DrawnGround, PickCache};
+pub use throttle::{ClockSecs, ThrottledServer};
 pub use tolerance::{Aim, Lack};

@@ -4,6 +4,7 @@ use crate::camera::View;
 use crate::paging::{ManagerError, ServerError};
 use crate::render::RenderError;
 use crate::select::ObjectsMode;
+use crate::storage::{Faults, StorageModel};
 use crate::units::ByteSize;
 
 /// How frames and reads keep step.
@@ -39,6 +40,12 @@ pub struct EngineParams {
     /// Frame time to hold in live runs by drawing coarser, milliseconds.
     pub frame_ms: Option<f64>,
     pub mode: Mode,
+    /// What live runs are held back to; without one, the disk is read as fast as it goes.
+    pub storage: Option<StorageModel>,
+    /// What goes wrong in live runs, with `storage` or without.
+    pub faults: Faults,
+    /// Whom the faults hit.
+    pub seed: u64,
 }
 
 impl Default for EngineParams {
@@ -50,6 +57,9 @@ impl Default for EngineParams {
             footprint: ByteSize(256 << 20),
             frame_ms: None,
             mode: Mode::LockStep,
+            storage: None,
+            faults: Faults::NONE,
+            seed: 0,
         }
     }
 }

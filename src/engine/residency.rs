@@ -6,6 +6,7 @@ use super::footprint::{
 };
 use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::sink::{Handover, PageSink};
+use super::throttle::ThrottledServer;
 use super::usage::{Usage, drawn_pages};
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::cells::LiveTree;
@@ -18,6 +19,7 @@ use crate::paging::{
 };
 use crate::render::{ArenaFull, GpuLimits};
 use crate::select::{Demand, Selection, Urgency};
+use crate::storage::{Disk, Faults, StorageModel};
 use std::collections::{HashMap, HashSet};
 
 /// Messages of failures kept for the caller; further ones are only counted.
@@ -94,7 +96,7 @@ impl Residency {
         };
         let server: Box<dyn PageServer> = if params.mode == Mode::Live {
             let limits = ServerLimits { threads_per_layer: THREADS_PER_LAYER, queue_len: PAGES_IN_FLIGHT_MAX };
-            Box::new(ThreadedServers::start(&source.reader, limits)?)
+            throttled(Box::new(ThreadedServers::start(&source.reader, limits)?), params)
         } else {
             Box::new(InlineServer::new(source.reader.clone()))
         };
@@ -360,6 +362,15 @@ impl Residency {
         // What was held under another limit is none of the new one's.
         self.footprint_max_bytes = 0;
     }
+}
+
+/// The servers behind what live runs are asked to be held back by; themselves where that is nothing.
+fn throttled(servers: Box<dyn PageServer>, params: &EngineParams) -> Box<dyn PageServer> {
+    if params.storage.is_none() && params.faults == Faults::NONE {
+        return servers;
+    }
+    let model = params.storage.unwrap_or(StorageModel::DIRECT);
+    Box::new(ThrottledServer::new(servers, Disk::new(model, params.faults, params.seed)))
 }
 
 /// Bytes that a resident page holds beside the GPU: pictures and meshes of objects go there whole.

@@ -15,6 +15,7 @@ use stoop::camera::{FlightPath, View};
 use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode};
 use stoop::record::{FlightHeader, FlightLog};
 use stoop::select::ObjectsMode;
+use stoop::storage::{Faults, StorageModel};
 use stoop::units::ByteSize;
 
 const DETAILS: &str = "\
@@ -34,9 +35,19 @@ Files:
 The flight is JSON: {\"fovy_deg\": 60, \"hz\": 60, \"columns\": [\"t_s\", \"lon_deg\", \"lat_deg\", \"height_m\", \"heading_deg\",
 \"pitch_deg\"], \"samples\": [[0, -84.4, 33.7, 1e7, 0, -90], ...]}; heights are metres above the WGS84 ellipsoid.
 
+Faults (--faults), each optional, commas between them, drawn by --seed; times are seconds since the world was opened:
+  errors=SHARE      so many of the reads fail, 0 to 1; another attempt may succeed
+  corrupt=SHARE     so many of the pages are stored wrong for good, 0 to 1
+  spike_ms=MS       so late are some requests, 0 to 600000
+  spikes=SHARE      how many of them, 0 to 1 [default: 0.01 with spike_ms]
+  die_s=S           the server dies then, and reads fail after 2 s
+  revive_s=S        and is there again then [default: never]
+  halve_s=S         from then on the bandwidth is half
+
 Examples:
   stoop fly WORLD --path dive.json --frames pictures --at-secs 0,12,18 --report report.json
   stoop fly WORLD --path dive.json --live --size 1280x720 --footprint 512MiB --report live.json
+  stoop fly WORLD --path dive.json --live --storage wan --faults errors=0.01,spike_ms=2000 --seed 7 --report wan.json
   stoop fly WORLD --path dive.json --settled --tolerance-px 0.25 --frames reference --every-secs 1";
 
 #[derive(Clone, Copy, Debug, PartialEq, ValueEnum)]
@@ -89,13 +100,14 @@ pub struct Arguments {
     /// Read on demand and wait (not in this version)
     #[arg(long)]
     sync_reads: bool,
-    /// Throttle live runs to a storage model (not in this version)
+    /// With --live, hold reads back to a storage model: hdd, ssd, lan, wan, mobile, or milliseconds from request to
+    /// first byte, MB (10^6 bytes) a second, and requests served at once
     #[arg(long, value_name = "NAME|LATENCY_MS,MB_PER_S,PARALLEL")]
-    storage: Option<String>,
-    /// Make reads fail (not in this version)
-    #[arg(long, value_name = "SPEC")]
-    faults: Option<String>,
-    /// Seed of --faults and of random policies (no effect in this version)
+    storage: Option<StorageModel>,
+    /// With --live, make reads go wrong, over --storage or over the disk as it is; see below
+    #[arg(long, value_name = "KEY=VALUE,...")]
+    faults: Option<Faults>,
+    /// Seed of --faults: whom they hit
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Allowed screen-space error, pixels of the given size
@@ -148,8 +160,6 @@ impl Arguments {
             (self.layout.is_some(), "--layout", "leave it away; the packs are read"),
             (self.no_level_skip, "--no-level-skip", "leave it away; the policy demand skips no level"),
             (self.sync_reads, "--sync-reads", "use --settled, which waits in every frame"),
-            (self.storage.is_some(), "--storage", "leave it away; the disk is read as fast as it goes"),
-            (self.faults.is_some(), "--faults", "leave it away"),
         ];
         for (used, flag, instead) in later {
             if used {
@@ -170,6 +180,9 @@ impl Arguments {
                 "--at-secs and --every-secs choose pictures: name a folder by --frames or --aov".into(),
             )
             .into());
+        }
+        if !self.live && (self.storage.is_some() || self.faults.is_some()) {
+            return Err(WrongUsage("--storage and --faults are for the real clock: add --live".into()).into());
         }
         if self.threshold_px.len() > 2 {
             return Err(WrongUsage("--threshold-px takes one number or two".into()).into());
@@ -202,6 +215,9 @@ impl Arguments {
             footprint: self.footprint,
             frame_ms: self.frame_ms,
             mode: self.mode(),
+            storage: self.storage,
+            faults: self.faults.unwrap_or(Faults::NONE),
+            seed: self.seed,
         }
     }
 
