@@ -188,6 +188,10 @@ fn more_pages_than_may_be_under_way_are_refused() {
     assert!(rig.server.start(range(most..most + 1)), "there is room again");
 }
 
+fn some_faults() -> impl Strategy<Value = &'static str> {
+    prop::sample::select(vec!["", "errors=0.2,corrupt=0.1", "die_s=0.5,revive_s=1", "spike_ms=200,spikes=0.3"])
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(200))]
 
@@ -195,7 +199,7 @@ proptest! {
     fn each_started_page_is_delivered_once(
         ranges in prop::collection::vec((1u32..20, 0u64..400), 1..20),
         cancels in prop::collection::vec((0u32..300, 0u64..2000), 0..60),
-        faults in prop::sample::select(vec!["", "errors=0.2,corrupt=0.1", "die_s=0.5,revive_s=1", "spike_ms=200,spikes=0.3"]),
+        faults in some_faults(),
         parallel in 1usize..5,
     ) {
         let mut rig = Rig::new(parallel, faults);

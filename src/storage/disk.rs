@@ -1,6 +1,6 @@
 //! The queueing model: first come, first served, up to `parallel` requests at once; each waits for its latency, then
 //! those that are transferred share the bandwidth equally (egalitarian processor sharing: Kleinrock 1976, *Queueing
-//! Systems II*, §4.4).
+//! Systems* II, chapter 4).
 //!
 //! The state changes only when something happens: a request begins, its first byte or the end of a part or block comes,
 //! the server dies, the bandwidth halves. In between rates are constant and times follow from them exactly, so that
@@ -100,9 +100,9 @@ impl Disk {
         true
     }
 
-    /// Drops a request; nothing of it arrives after `now_s`. In the queue it cost nothing; waiting for its first byte it
-    /// makes place at once; a transfer makes place at the end of its block ([`BLOCK_BYTES`](super::BLOCK_BYTES)), so that
-    /// a more urgent request need not wait for all of it. What was transferred counts. False when there is no such
+    /// Drops a request; nothing of it arrives after `now_s`. In the queue it cost nothing; waiting for its first byte
+    /// it makes place at once; a transfer makes place at the end of its block ([`BLOCK_BYTES`](super::BLOCK_BYTES)), so
+    /// that a more urgent request need not wait for all of it. What was transferred counts. False when there is no such
     /// request.
     pub fn cancel(&mut self, id: u64, now_s: f64) -> bool {
         self.run_to(now_s);

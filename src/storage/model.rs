@@ -61,8 +61,8 @@ type RangeOf = std::ops::RangeInclusive<f64>;
 
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{0:?} is no storage model: name hdd, ssd, lan, wan or mobile, or write LATENCY_MS,MB_PER_S,PARALLEL such as 20,50,4 \
-     (latency 0 to 60000 ms, bandwidth 0.001 to 1000000 MB/s, 1 to {PARALLEL_MAX} parallel requests)"
+    "{0:?} is no storage model: name hdd, ssd, lan, wan or mobile, or write LATENCY_MS,MB_PER_S,PARALLEL such as \
+     20,50,4 (latency 0 to 60000 ms, bandwidth 0.001 to 1000000 MB/s, 1 to {PARALLEL_MAX} parallel requests)"
 )]
 pub struct StorageModelError(String);
 
