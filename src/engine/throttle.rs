@@ -32,10 +32,11 @@ pub struct ThrottledServer {
 }
 
 impl ThrottledServer {
-    /// The disk's time runs from now on.
+    /// The disk's time runs from the first call on, which is the first frame's, however long opening a renderer takes.
     pub fn new(inner: Box<dyn PageServer>, disk: Disk) -> Self {
-        let start = Instant::now();
-        Self::with_clock(inner, disk, Box::new(move || start.elapsed().as_secs_f64()))
+        let mut start = None;
+        let now_secs = move || start.get_or_insert_with(Instant::now).elapsed().as_secs_f64();
+        Self::with_clock(inner, disk, Box::new(now_secs))
     }
 
     pub fn with_clock(inner: Box<dyn PageServer>, disk: Disk, now_secs: ClockSecs) -> Self {

@@ -35,7 +35,7 @@ Files:
 The flight is JSON: {\"fovy_deg\": 60, \"hz\": 60, \"columns\": [\"t_s\", \"lon_deg\", \"lat_deg\", \"height_m\", \"heading_deg\",
 \"pitch_deg\"], \"samples\": [[0, -84.4, 33.7, 1e7, 0, -90], ...]}; heights are metres above the WGS84 ellipsoid.
 
-Faults (--faults), each optional, commas between them, drawn by --seed; seconds count from the first read:
+Faults (--faults), each optional, commas between them, drawn by --seed; seconds count from the first frame:
   errors=SHARE      so many of the reads fail, 0 to 1; another attempt may succeed
   corrupt=SHARE     so many of the pages are stored wrong for good, 0 to 1
   spike_ms=MS       so late are some requests, 0 to 600000
