@@ -6,6 +6,7 @@ use super::footprint::{
 };
 use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::sink::{Handover, PageSink};
+use super::throttle::ThrottledServer;
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::cells::LiveTree;
 use crate::content::{Page, PageFile, PageId, PageKind};
@@ -17,10 +18,14 @@ use crate::paging::{
 };
 use crate::render::{ArenaFull, GpuLimits};
 use crate::select::{Demand, Selection};
+use crate::storage::{Disk, Faults, ReadLimits, StorageModel};
 use std::collections::{HashMap, HashSet};
 
 /// Messages of failures kept for the caller; further ones are only counted.
 const MESSAGES_MAX: usize = 16;
+
+/// How often live runs ask for pages, seconds, as far as that is known beforehand.
+const LIVE_STEP_S: f64 = 1.0 / 60.0;
 
 /// What went on so far.
 #[derive(Clone, Copy, Debug, Default)]
@@ -76,17 +81,21 @@ pub struct Residency {
 impl Residency {
     pub fn new(params: &EngineParams, partition: Partition, source: &Source) -> Result<Self, EngineError> {
         let read_bytes_per_update = if params.mode == Mode::LockStep { READ_BYTES_PER_FRAME } else { u64::MAX >> 2 };
+        // Of a disk of unknown kind nothing is known.
+        let unknown = ReadLimits { in_flight: IN_FLIGHT_MAX, run_bytes: RUN_BYTES, gap_bytes: GAP_BYTES };
+        let throttled = params.storage.filter(|_| params.mode == Mode::Live);
+        let reads = throttled.map_or(unknown, |storage| storage.reads(LIVE_STEP_S));
         let limits = Limits {
             footprint_bytes: partition.pool_bytes(0),
-            in_flight: IN_FLIGHT_MAX,
+            in_flight: reads.in_flight,
             pages_in_flight: PAGES_IN_FLIGHT_MAX,
             read_bytes_per_update,
-            run_bytes: RUN_BYTES,
-            gap_bytes: GAP_BYTES,
+            run_bytes: reads.run_bytes,
+            gap_bytes: reads.gap_bytes,
         };
         let server: Box<dyn PageServer> = if params.mode == Mode::Live {
             let limits = ServerLimits { threads_per_layer: THREADS_PER_LAYER, queue_len: PAGES_IN_FLIGHT_MAX };
-            Box::new(ThreadedServers::start(&source.reader, limits)?)
+            throttled(Box::new(ThreadedServers::start(&source.reader, limits)?), params)
         } else {
             Box::new(InlineServer::new(source.reader.clone()))
         };
@@ -375,6 +384,15 @@ impl Residency {
         // What was held under another limit is none of the new one's.
         self.footprint_max_bytes = 0;
     }
+}
+
+/// The servers behind what live runs are asked to be held back by; themselves where that is nothing.
+fn throttled(servers: Box<dyn PageServer>, params: &EngineParams) -> Box<dyn PageServer> {
+    if params.storage.is_none() && params.faults == Faults::NONE {
+        return servers;
+    }
+    let model = params.storage.unwrap_or(StorageModel::DIRECT);
+    Box::new(ThrottledServer::new(servers, Disk::new(model, params.faults, params.seed)))
 }
 
 /// Bytes that a resident page holds beside the GPU: pictures and meshes of objects go there whole.

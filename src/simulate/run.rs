@@ -4,8 +4,7 @@ use super::bound::{Budget, FrameBound};
 use super::pages::Library;
 use crate::camera::{FlightPath, View};
 use crate::cells::LiveTree;
-use crate::content::{Page, PageFile, PageId, PageKind};
-use crate::forest::Zone;
+use crate::content::{Page, PageId, PageKind};
 use crate::forest::index::{IndexForest, Place};
 use crate::paging::{
     Command, Completion, DrawnLevels, DrawnTolerance, Event, Frame as Seen, FrameReport, Lack, Limits, ManagerError,
@@ -20,13 +19,8 @@ use std::sync::Arc;
 
 /// Workspace of one decoder, bytes: set aside of the footprint beside the index.
 pub const FIXED_BYTES: u64 = 2 << 20;
-/// Ranges that may be under way at most, and pages in them.
-const IN_FLIGHT_MAX: usize = 1024;
+/// Pages that may be under way at most.
 const PAGES_IN_FLIGHT_MAX: usize = 4096;
-/// A range's bytes take about as long as its latency, and no longer than this.
-const RUN_BYTES: std::ops::RangeInclusive<f64> = 32768.0..=1048576.0;
-/// Gaps are read where that takes no longer than this share of another request's latency.
-const GAP_SHARE: f64 = 0.25;
 /// Frames that wait for their pages wait no longer than this for one that never comes, seconds.
 const SYNC_WAIT_MAX_S: f64 = 60.0;
 
@@ -69,19 +63,14 @@ impl Setup {
     }
 
     fn limits(&self, pool_bytes: u64) -> Limits {
-        let model = &self.storage;
-        // Enough that no place is empty until the next frame.
-        let turns = if model.latency_secs > 0.0 { (self.step_s / model.latency_secs).ceil() } else { f64::INFINITY };
-        let in_flight = (model.parallel as f64 * (1.0 + turns)).min(IN_FLIGHT_MAX as f64) as usize;
-        // What one of the parallel requests could have brought while another waits.
-        let latency_bytes = model.latency_secs * model.bytes_per_sec / model.parallel as f64;
+        let reads = self.storage.reads(self.step_s);
         Limits {
             footprint_bytes: pool_bytes,
-            in_flight,
+            in_flight: reads.in_flight,
             pages_in_flight: PAGES_IN_FLIGHT_MAX,
             read_bytes_per_update: u64::MAX >> 2,
-            run_bytes: latency_bytes.clamp(*RUN_BYTES.start(), *RUN_BYTES.end()) as u32,
-            gap_bytes: (GAP_SHARE * latency_bytes).min(*RUN_BYTES.end()) as u32,
+            run_bytes: reads.run_bytes,
+            gap_bytes: reads.gap_bytes,
         }
     }
 
@@ -297,7 +286,7 @@ impl<'a> Simulation<'a> {
 
     fn start(&mut self, read: RangeRead, now_s: f64) {
         let ends = read.pages.iter().map(|(_, place)| place.offset + u64::from(place.len) - read.offset).collect();
-        let request = Request { id: read.id, file: file_number(&read), offset: read.offset, parts: ends };
+        let request = Request { id: read.id, file: read.file_number(), offset: read.offset, parts: ends };
         let started = self.disk.start(request, now_s);
         for &(page, _) in &read.pages {
             self.reads.insert(page, read.id);
@@ -456,12 +445,6 @@ impl<'a> Simulation<'a> {
             held_bytes: setup.footprint.0.saturating_sub(fixed_bytes),
         }
     }
-}
-
-/// Packs of the zones, then their indexes.
-fn file_number(read: &RangeRead) -> u32 {
-    let zones = if read.file == PageFile::Index { Zone::COUNT } else { 0 };
-    (zones + read.zone.index()) as u32
 }
 
 /// Flies a path from its start to its end, frame by frame. `each` takes every frame, and ends the flight with `false`.

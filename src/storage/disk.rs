@@ -1,6 +1,6 @@
 //! The queueing model: first come, first served, up to `parallel` requests at once; each waits for its latency, then
 //! those that are transferred share the bandwidth equally (egalitarian processor sharing: Kleinrock 1976, *Queueing
-//! Systems II*, §4.4).
+//! Systems* II, chapter 4).
 //!
 //! The state changes only when something happens: a request begins, its first byte or the end of a part or block comes,
 //! the server dies, the bandwidth halves. In between rates are constant and times follow from them exactly, so that
@@ -22,7 +22,7 @@ pub const QUEUE_MAX: usize = 1 << 14;
 /// What went on so far.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Counters {
-    /// Transferred, in vain too, whole bytes.
+    /// Transferred, in vain too.
     pub bytes: u64,
     /// Ranges that did not start where the one begun before ended; with [`StorageModel::seek_only`], those that paid.
     pub seeks: u64,
@@ -100,9 +100,9 @@ impl Disk {
         true
     }
 
-    /// Drops a request; nothing of it arrives after `now_s`. In the queue it cost nothing; waiting for its first byte it
-    /// makes place at once; a transfer makes place at the end of its block ([`BLOCK_BYTES`](super::BLOCK_BYTES)), so that
-    /// a more urgent request need not wait for all of it. What was transferred counts. False when there is no such
+    /// Drops a request; nothing of it arrives after `now_s`. In the queue it cost nothing; waiting for its first byte
+    /// it makes place at once; a transfer makes place at the end of its block ([`BLOCK_BYTES`](super::BLOCK_BYTES)), so
+    /// that a more urgent request need not wait for all of it. What was transferred counts. False when there is no such
     /// request.
     pub fn cancel(&mut self, id: u64, now_s: f64) -> bool {
         self.run_to(now_s);
@@ -150,7 +150,7 @@ impl Disk {
         let bytes = self.ended_bytes + under_way + since_secs * self.bytes_per_sec_each() * moving;
         let busy_since_secs = self.busy_from_s.map_or(0.0, |from_s| self.now_s - from_s);
         Counters {
-            bytes: bytes as u64,
+            bytes: bytes.round() as u64,
             seeks: self.seeks,
             requests: self.requests,
             busy_secs: self.busy_secs + busy_since_secs,

@@ -1,5 +1,5 @@
-//! Who is hit by a fault: a hash of the seed, of what is read and of how often it was read before. The order of requests
-//! does not matter, so policies that ask differently meet the same faults.
+//! Who is hit by a fault: a hash of the seed, of what is read and of how often it was read before. The order of
+//! requests does not matter, so policies that ask differently meet the same faults.
 
 use super::{Faults, PartOutcome, Request};
 use std::collections::HashMap;

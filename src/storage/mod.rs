@@ -1,7 +1,7 @@
 //! Storage as a model: how long reads take on a disk or over a network, and what goes wrong there.
 //!
-//! [`Disk`] is a queueing model over times that its user tells: it reads no clock, file or thread, and the same requests
-//! at the same times give the same arrivals to the bit. Virtual runs ask it directly; live runs are held back by it.
+//! [`Disk`] is a queueing model over times that its user tells: it reads no clock, file or thread, and the same
+//! requests at the same times give the same arrivals to the bit. Virtual runs ask it directly; live runs are held back by it.
 
 mod disk;
 mod fates;
@@ -12,14 +12,14 @@ mod service;
 pub use disk::{Counters, Disk, QUEUE_MAX};
 pub use fates::ATTEMPTS_MAX;
 pub use faults::{DEAD_TIMEOUT_SECS, Faults, FaultsError};
-pub use model::{PARALLEL_MAX, StorageModel, StorageModelError};
+pub use model::{PARALLEL_MAX, ReadLimits, StorageModel, StorageModelError};
 
 /// Largest request, bytes: 1 MiB. Who asks cuts longer runs; only a page that is larger by itself may be a longer
 /// request, in which it is alone.
 pub const REQUEST_BYTES_MAX: u64 = 1 << 20;
 
-/// A transfer can be given up at the ends of blocks of this size, counted from the request's start: 64 KiB (the blocks of
-/// Varadhan & Manocha 2002, §4.3).
+/// A transfer can be given up at the ends of blocks of this size, counted from the request's start: 64 KiB. Varadhan &
+/// Manocha 2002 pre-empt reads between blocks.
 pub const BLOCK_BYTES: u64 = 64 << 10;
 
 /// One contiguous range of one file.

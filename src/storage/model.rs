@@ -57,12 +57,43 @@ impl StorageModel {
     }
 }
 
+/// How a model is best read.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReadLimits {
+    /// Ranges under way at once.
+    pub in_flight: usize,
+    /// Length up to which pages that lie together are read at once, bytes: about what a request's latency costs.
+    pub run_bytes: u32,
+    /// Unwanted bytes that are read over, since another request costs more.
+    pub gap_bytes: u32,
+}
+
+/// Ranges under way at most, whatever the model.
+const IN_FLIGHT_MAX: f64 = 1024.0;
+const RUN_BYTES: std::ops::RangeInclusive<f64> = 32768.0..=1048576.0;
+/// A gap is read over where that takes no longer than this share of a latency.
+const GAP_SHARE: f64 = 0.25;
+
+impl StorageModel {
+    /// For requests that are made every `step_s` seconds: enough under way that no place stays empty in between.
+    pub fn reads(&self, step_s: f64) -> ReadLimits {
+        let turns = if self.latency_secs > 0.0 { (step_s / self.latency_secs).ceil() } else { IN_FLIGHT_MAX };
+        // What one of the parallel requests could have brought meanwhile.
+        let latency_bytes = self.latency_secs * self.bytes_per_sec / self.parallel as f64;
+        ReadLimits {
+            in_flight: (self.parallel as f64 * (1.0 + turns)).min(IN_FLIGHT_MAX) as usize,
+            run_bytes: latency_bytes.clamp(*RUN_BYTES.start(), *RUN_BYTES.end()) as u32,
+            gap_bytes: (GAP_SHARE * latency_bytes).min(*RUN_BYTES.end()) as u32,
+        }
+    }
+}
+
 type RangeOf = std::ops::RangeInclusive<f64>;
 
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error(
-    "{0:?} is no storage model: name hdd, ssd, lan, wan or mobile, or write LATENCY_MS,MB_PER_S,PARALLEL such as 20,50,4 \
-     (latency 0 to 60000 ms, bandwidth 0.001 to 1000000 MB/s, 1 to {PARALLEL_MAX} parallel requests)"
+    "{0:?} is no storage model: name hdd, ssd, lan, wan or mobile, or write LATENCY_MS,MB_PER_S,PARALLEL such as \
+     20,50,4 (latency 0 to 60000 ms, bandwidth 0.001 to 1000000 MB/s, 1 to {PARALLEL_MAX} parallel requests)"
 )]
 pub struct StorageModelError(String);
 

@@ -38,9 +38,19 @@ Files:
 The flight is JSON: {\"fovy_deg\": 60, \"hz\": 60, \"columns\": [\"t_s\", \"lon_deg\", \"lat_deg\", \"height_m\", \"heading_deg\",
 \"pitch_deg\"], \"samples\": [[0, -84.4, 33.7, 1e7, 0, -90], ...]}; heights are metres above the WGS84 ellipsoid.
 
+Faults (--faults), each optional, commas between them, drawn by --seed; seconds count from the first frame:
+  errors=SHARE      so many of the reads fail, 0 to 1; another attempt may succeed
+  corrupt=SHARE     so many of the pages are stored wrong for good, 0 to 1
+  spike_ms=MS       so late are some requests, 0 to 600000
+  spikes=SHARE      how many of them, 0 to 1 [default: 0.01 with spike_ms]
+  die_s=S           the server dies then, and reads fail after 2 s
+  revive_s=S        and is there again then [default: never]
+  halve_s=S         from then on the bandwidth is half
+
 Examples:
   stoop fly WORLD --path dive.json --frames pictures --at-secs 0,12,18 --report report.json
   stoop fly WORLD --path dive.json --live --size 1280x720 --footprint 512MiB --report live.json
+  stoop fly WORLD --path dive.json --live --storage wan --faults errors=0.01,spike_ms=2000 --seed 7 --report wan.json
   stoop fly WORLD --path dive.json --settled --tolerance-px 0.25 --frames reference --every-secs 1";
 
 const PARAMS_EXAMPLE: &str = r#"{"foresight": {"reach_s": 2}}"#;
@@ -96,13 +106,14 @@ pub struct Arguments {
     /// Each frame reads what it lacks and waits for it: the baseline to compare with; with --live or --virtual
     #[arg(long, conflicts_with = "settled")]
     sync_reads: bool,
-    /// Throttle live runs to a storage model (not in this version)
+    /// With --live, hold reads back to a storage model: hdd, ssd, lan, wan, mobile, or milliseconds from request to
+    /// first byte, MB (10^6 bytes) a second, and requests served at once
     #[arg(long, value_name = "NAME|LATENCY_MS,MB_PER_S,PARALLEL")]
-    storage: Option<String>,
-    /// Make reads go wrong: errors=SHARE,corrupt=SHARE,spike_ms=MS,spikes=SHARE,die_s=S,revive_s=S,halve_s=S
-    #[arg(long, value_name = "SPEC")]
+    storage: Option<StorageModel>,
+    /// Make reads go wrong: with --virtual, or with --live over --storage or over the disk as it is; see below
+    #[arg(long, value_name = "KEY=VALUE,...")]
     faults: Option<Faults>,
-    /// Seed of --faults
+    /// Seed of --faults: whom they hit
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Allowed screen-space error, pixels of the given size
@@ -147,11 +158,7 @@ pub struct Arguments {
 impl Arguments {
     /// Flags that this version knows by name only must not be passed over in silence.
     fn refuse_later_parts(&self) -> anyhow::Result<()> {
-        let later = [
-            (self.layout.is_some(), "--layout", "leave it away; the packs are read"),
-            (self.storage.is_some(), "--storage", "leave it away; the disk is read as fast as it goes"),
-            (self.faults.is_some() && self.virtual_storage.is_none(), "--faults", "fly with --virtual"),
-        ];
+        let later = [(self.layout.is_some(), "--layout", "leave it away; the packs are read")];
         for (used, flag, instead) in later {
             if used {
                 return Err(NotYet::new(flag, instead).into());
@@ -167,6 +174,14 @@ impl Arguments {
                 "--at-secs and --every-secs choose pictures: name a folder by --frames or --aov".into(),
             )
             .into());
+        }
+        if !self.live && self.storage.is_some() {
+            return Err(
+                WrongUsage("--storage is for the real clock: add --live, or name it by --virtual".into()).into()
+            );
+        }
+        if !self.live && self.virtual_storage.is_none() && self.faults.is_some() {
+            return Err(WrongUsage("--faults needs a clock: add --live or --virtual STORAGE".into()).into());
         }
         if self.threshold_px.len() > 2 {
             return Err(WrongUsage("--threshold-px takes one number or two".into()).into());
@@ -214,6 +229,9 @@ impl Arguments {
             frame_ms: self.frame_ms,
             mode: self.mode(),
             planner: self.planner()?,
+            storage: self.storage,
+            faults: self.faults.unwrap_or(Faults::NONE),
+            seed: self.seed,
         })
     }
 

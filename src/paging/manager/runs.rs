@@ -30,6 +30,12 @@ impl RangeRead {
         Self { id, zone: first.cell.zone(), file: first.kind.file(), offset, len: (end - offset) as u32, pages }
     }
 
+    /// A number for the file that the range lies in: packs of the zones, then their indexes.
+    pub fn file_number(&self) -> u32 {
+        let first = if self.file == PageFile::Index { Zone::COUNT } else { 0 };
+        (first + self.zone.index()) as u32
+    }
+
     /// A single page.
     pub fn of_page(id: u64, page: PageId, place: Place) -> Self {
         let (zone, file) = (page.cell.zone(), page.kind.file());
