@@ -83,8 +83,8 @@ impl Residency {
         let read_bytes_per_update = if params.mode == Mode::LockStep { READ_BYTES_PER_FRAME } else { u64::MAX >> 2 };
         // Of a disk of unknown kind nothing is known.
         let unknown = ReadLimits { in_flight: IN_FLIGHT_MAX, run_bytes: RUN_BYTES, gap_bytes: GAP_BYTES };
-        let throttled = params.storage.filter(|_| params.mode == Mode::Live);
-        let reads = throttled.map_or(unknown, |storage| storage.reads(LIVE_STEP_S));
+        let held_back = params.storage.filter(|_| params.mode == Mode::Live);
+        let reads = held_back.map_or(unknown, |storage| storage.reads(LIVE_STEP_S));
         let limits = Limits {
             footprint_bytes: partition.pool_bytes(0),
             in_flight: reads.in_flight,
