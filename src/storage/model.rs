@@ -71,6 +71,8 @@ pub struct ReadLimits {
 /// Ranges under way at most, whatever the model.
 const IN_FLIGHT_MAX: f64 = 1024.0;
 const RUN_BYTES: std::ops::RangeInclusive<f64> = 32768.0..=1048576.0;
+/// A range takes no longer than this share of a latency, the bandwidth for itself.
+const RUN_SHARE: f64 = 0.5;
 /// A gap is read over where that takes no longer than this share of a latency.
 const GAP_SHARE: f64 = 0.25;
 
@@ -78,12 +80,11 @@ impl StorageModel {
     /// For requests that are made every `step_s` seconds: enough under way that no place stays empty in between.
     pub fn reads(&self, step_s: f64) -> ReadLimits {
         let turns = if self.latency_secs > 0.0 { (step_s / self.latency_secs).ceil() } else { IN_FLIGHT_MAX };
-        // What one of the parallel requests could have brought meanwhile.
-        let latency_bytes = self.latency_secs * self.bytes_per_sec / self.parallel as f64;
+        let latency_bytes = self.latency_secs * self.bytes_per_sec;
         ReadLimits {
             in_flight: (self.parallel as f64 * (1.0 + turns)).min(IN_FLIGHT_MAX) as usize,
-            run_bytes: latency_bytes.clamp(*RUN_BYTES.start(), *RUN_BYTES.end()) as u32,
-            gap_bytes: (GAP_SHARE * latency_bytes).min(*RUN_BYTES.end()) as u32,
+            run_bytes: (RUN_SHARE * latency_bytes).clamp(*RUN_BYTES.start(), *RUN_BYTES.end()) as u32,
+            gap_bytes: (GAP_SHARE * latency_bytes / self.parallel as f64).min(*RUN_BYTES.end()) as u32,
         }
     }
 }

@@ -54,14 +54,6 @@ fn position(demand: &Demand) -> ((Zone, PageFile), u64, PageId) {
 
 /// What is due waits for what is read before it: that is no more than a run's length divided by this.
 const LEAD_SHARE: u32 = 4;
-/// A page of a lesser class goes along with one that is due where it promises at least this share of its gain.
-const ALONG_SHARE: f64 = 0.125;
-
-/// Whether a neighbour is worth the time that what is due elsewhere waits for it.
-fn keeps_up(neighbour: &Demand, due: &Demand) -> bool {
-    neighbour.urgency >= due.urgency || neighbour.gain >= ALONG_SHARE * due.gain
-}
-
 /// Demands that may be started, in the order in which they lie.
 pub(super) struct Waiting {
     demands: Vec<Demand>,
@@ -99,7 +91,7 @@ impl Waiting {
             let before = demand.place.offset - self.demands[low].place.offset;
             let Demand { page, place, .. } = self.demands[next];
             let is_short = len <= u64::from(limits.run_bytes) && before <= u64::from(limits.run_bytes / LEAD_SHARE);
-            if !is_short || !keeps_up(&self.demands[next], demand) || !fits(page, place) {
+            if !is_short || !fits(page, place) {
                 break;
             }
             debug_assert!(gap <= len);

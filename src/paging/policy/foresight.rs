@@ -22,6 +22,7 @@ use crate::forest::index::Place;
 use crate::select::{Demand, FrontRegion, LAYERS, Urgency, layer_of, survey};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
+use std::ops::Range;
 
 /// Parameters of [`Foresight`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -109,16 +110,17 @@ struct Wish {
     /// Excess now, px.
     excess_px: f64,
     is_due: bool,
-    /// The page that is held, and by how much the excess would rise without it.
-    keeps: Option<(PageId, f64)>,
+    /// Pages that are resident or on their way, coarse to fine, with what each takes off the excess.
+    keeps: Range<usize>,
     /// Pages that are not held and would lower the excess, coarse to fine, with the excess that they leave.
-    steps: std::ops::Range<usize>,
+    steps: Range<usize>,
 }
 
 /// All foretold views.
 #[derive(Default)]
 struct Outlook {
     wishes: Vec<Wish>,
+    keeps: Vec<(PageId, f64)>,
     steps: Vec<(PageId, f64)>,
     pages: HashMap<PageId, Prospect>,
 }
@@ -240,26 +242,27 @@ impl Outlook {
 
     fn add_region(&mut self, situation: &Situation<'_>, region: &FrontRegion<'_>, layer: usize, is_due: bool) {
         let (manager, asked_px) = (situation.frame.manager, situation.frame.params.tolerance_px);
-        let page_at = |at: usize| region.chain.get(at).map(|rep| PageId { cell: rep.cell, kind: region.kind });
-        let held = |at: usize| page_at(at).is_some_and(|page| manager.is_held(page));
-        let excess_px = |at: Option<usize>| region.excess_px(region.error_px(at), asked_px);
-        let last = region.front.min(region.chain.len().wrapping_sub(1));
         if region.front >= region.chain.len() {
             return;
         }
-        // The finest that is held, or on its way, is what the next ones are compared with.
-        let mut finest = (0..=last).rev().find(|&at| held(at));
-        if finest.is_none() || region.drawn > finest {
-            finest = region.drawn;
+        let page_at = |at: usize| PageId { cell: region.chain[at].cell, kind: region.kind };
+        let excess_px = |at: Option<usize>| region.excess_px(region.error_px(at), asked_px);
+        let last = region.front;
+        let drawn = (0..=last).rev().find(|&at| manager.is_resident(page_at(at)));
+        // What is drawn stays until what is on its way is there; the next ones are compared with that.
+        let without = drawn.and_then(|drawn| (0..drawn).rev().find(|&at| manager.is_resident(page_at(at))));
+        let first_kept = self.keeps.len();
+        let mut finest = drawn;
+        if let Some(at) = drawn {
+            self.keep(page_at(at), region.chain[at].place, excess_px(without) - excess_px(drawn));
         }
-        let mut keeps = None;
-        if let Some(at) = finest
-            && let (Some(page), Some(rep)) = (page_at(at), region.chain.get(at))
-        {
-            let without = (0..at).rev().find(|&coarser| held(coarser));
-            self.page(page, rep.place);
-            keeps = Some((page, (excess_px(without) - excess_px(Some(at))).max(KEEP_MIN_PX)));
+        for at in drawn.map_or(0, |at| at + 1)..=last {
+            if manager.is_held(page_at(at)) {
+                self.keep(page_at(at), region.chain[at].place, excess_px(finest) - excess_px(Some(at)));
+                finest = Some(at);
+            }
         }
+        let keeps = first_kept..self.keeps.len();
         let from = self.steps.len();
         let now_px = excess_px(finest);
         let mut left_px = now_px;
@@ -267,17 +270,20 @@ impl Outlook {
             let after_px = excess_px(Some(at));
             // What the front wants comes at last even where it lowers no bound.
             let is_front = is_due && at == last;
-            if let (Some(page), Some(rep)) = (page_at(at), region.chain.get(at))
-                && (after_px < left_px || is_front)
-            {
+            if after_px < left_px || is_front {
                 left_px = after_px;
-                self.page(page, rep.place);
-                self.steps.push((page, after_px));
+                self.page(page_at(at), region.chain[at].place);
+                self.steps.push((page_at(at), after_px));
             }
         }
         let steps = from..self.steps.len();
         let weight = region.share;
         self.wishes.push(Wish { layer, weight, excess_px: now_px, is_due, keeps, steps });
+    }
+
+    fn keep(&mut self, page: PageId, place: Place, falls_px: f64) {
+        self.page(page, place);
+        self.keeps.push((page, falls_px.max(KEEP_MIN_PX)));
     }
 
     fn page(&mut self, page: PageId, place: Place) {
@@ -303,9 +309,10 @@ impl Outlook {
         for at in 0..self.wishes.len() {
             let wish = &self.wishes[at];
             let (weight, is_due, steps) = (wish.weight, wish.is_due, wish.steps.clone());
-            let mut left_px = wish.excess_px;
-            if let Some((page, keeps_px)) = wish.keeps {
-                self.promise(page, weight * keeps_px, false);
+            let (mut left_px, keeps) = (wish.excess_px, wish.keeps.clone());
+            for kept in keeps {
+                let (page, falls_px) = self.keeps[kept];
+                self.promise(page, weight * falls_px, false);
             }
             let mut next = steps.start;
             while next < steps.end {
@@ -327,7 +334,7 @@ impl Outlook {
     }
 
     /// The step that takes off most per byte, where the bytes of a page are shared by the regions under it.
-    fn best_step(&self, steps: std::ops::Range<usize>, left_px: f64) -> usize {
+    fn best_step(&self, steps: Range<usize>, left_px: f64) -> usize {
         let worth = |at: usize| {
             let (page, after_px) = self.steps[at];
             let prospect = &self.pages[&page];
