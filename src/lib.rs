@@ -4,6 +4,7 @@
 
 pub mod camera;
 pub mod cells;
+pub mod chart;
 pub mod content;
 pub mod engine;
 pub mod forest;
@@ -14,6 +15,8 @@ pub mod prepare;
 pub mod record;
 pub mod render;
 pub mod select;
+pub mod simulate;
+pub mod storage;
 pub mod store;
 pub mod units;
 #[cfg(feature = "window")]

@@ -136,6 +136,34 @@ fn a_live_flight_ends_and_shuts_its_threads_down() {
     assert!(reports.iter().all(|report| report.timings.frame_ms > 0.0));
 }
 
+/// Hovers low over a made-up city until nothing is left to load; gives the failed reads.
+fn hover(params: EngineParams) -> u64 {
+    let mut engine = engine(Formulas::default(), params);
+    let (view, mut failed) = (dive(1.0, LOW_M, SIZE_PX), 0);
+    for frame in 0..100_000 {
+        // Failed pages are tried again by the flight's clock.
+        let request = FrameRequest { view, t_s: f64::from(frame) / 10.0, ids: false };
+        let report = engine.frame(&request).unwrap();
+        failed += report.failed;
+        if frame > 0 && report.pages_missing == 0 && report.in_flight == 0 {
+            assert_eq!(report.debt_px, 0.0, "{report:?}");
+            return failed;
+        }
+    }
+    panic!("not all pages came");
+}
+
+#[test]
+fn held_back_reads_come_and_failed_ones_are_tried_again() {
+    let storage = Some("2,20,2".parse().unwrap());
+    assert_eq!(hover(EngineParams { storage, ..params(Mode::Live) }), 0);
+    for storage in [storage, None] {
+        let faults = "errors=0.3".parse().unwrap();
+        let failed = hover(EngineParams { storage, faults, seed: 5, ..params(Mode::Live) });
+        assert!(failed > 0, "{storage:?}");
+    }
+}
+
 #[test]
 fn ground_above_the_eye_is_pressed_and_counted() {
     let mut engine = engine(Formulas::default(), params(Mode::Settled));
@@ -163,8 +191,6 @@ fn flags_of_later_versions_are_refused_in_one_line() {
         vec!["--layout", "l"],
         vec!["--no-level-skip"],
         vec!["--sync-reads"],
-        vec!["--storage", "hdd"],
-        vec!["--faults", "errors=0.1"],
     ] {
         let (code, said) = stoop(&[&["fly", "world", "--path", "path.json"], &*flag].concat());
         assert_eq!(code, 2, "{flag:?}: {said}");
@@ -183,6 +209,11 @@ fn wrong_usage_is_told_in_one_line() {
         &["fly", "world", "--path", "f", "--size", "640"],
         &["fly", "world", "--path", "f", "--footprint", "12MB"],
         &["fly", "world", "--path", "f", "--tolerance-px", "0"],
+        &["fly", "world", "--path", "f", "--live", "--storage", "floppy"],
+        &["fly", "world", "--path", "f", "--live", "--faults", "luck=1"],
+        &["fly", "world", "--path", "f", "--live", "--faults", "revive_s=1"],
+        &["fly", "world", "--path", "f", "--storage", "hdd"],
+        &["fly", "world", "--path", "f", "--settled", "--faults", "errors=0.1"],
         &["shot", "world", "--lon-deg", "0", "--lat-deg", "91", "--height-m", "0", "--out", "f"],
         &["world", "--tolerance-px", "0.1"],
     ] {

@@ -19,7 +19,7 @@ const TABLE: [(&str, &[&str]); 19] = [
     ("select", &["camera", "cells", "forest"]),
     ("paging", &["select", "store", "forest"]),
     ("render", &["camera", "content", "select"]),
-    ("engine", &["paging", "render"]),
+    ("engine", &["paging", "render", "storage"]),
     ("layout", &["select", "store", "storage"]),
     ("simulate", &["paging", "layout", "storage"]),
     ("record", &["engine", "camera"]),

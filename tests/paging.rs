@@ -50,6 +50,7 @@ fn held_bytes(page: PageId, place: Place) -> u64 {
         PageKind::Terrain => 20_000 + u64::from(place.len),
         PageKind::Imagery => 700_000,
         PageKind::Objects { .. } => u64::from(place.len) * 20,
+        PageKind::Segment => u64::from(place.len),
     }
 }
 

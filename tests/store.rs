@@ -364,6 +364,141 @@ fn bounds_that_grow_downwards_are_found() {
     assert_eq!(problems.len(), 4, "{problems:?}");
 }
 
+// ---- Indexes that are paged.
+
+fn segment_id(root: CellId) -> PageId {
+    PageId { cell: root, kind: PageKind::Segment }
+}
+
+/// Loads all segments that are absent, as a run does, page by page.
+fn load_segments(world: &World) -> IndexForest {
+    let mut index = world.index().clone();
+    for tree in world.index().trees() {
+        for absent in tree.absent_segments() {
+            let id = segment_id(absent.root);
+            assert_eq!(world.place(id), Some(absent.place));
+            let Page::Segment(segment) = world.load(id, absent.place).unwrap() else { panic!("no segment") };
+            assert_eq!((segment.byte_len(), Page::Segment(segment.clone()).id()), (absent.place.len as usize, id));
+            index.insert_segment(segment).unwrap();
+        }
+    }
+    index
+}
+
+#[test]
+fn a_paged_index_becomes_the_whole_one_segment_by_segment() {
+    let dir = tempfile::tempdir().unwrap();
+    let path = dir.path().join("world");
+    write_world(&path, Existing::Refuse).unwrap();
+    let whole = World::open(&path).unwrap();
+    assert!(whole.index().is_whole(), "a small world is all there");
+    let file_bytes = fs::metadata(path.join(zone_file("index", "idx"))).unwrap().len();
+    assert!(World::open_paged(&path, file_bytes).unwrap().index().is_whole());
+    for paged in [World::open_paged(&path, file_bytes - 1).unwrap(), memory_world().paged(file_bytes - 1).unwrap()] {
+        let bytes = paged.index().bytes();
+        assert_eq!((bytes.directory, bytes.paged), (3 * 32, 0));
+        assert_eq!((bytes.pinned, bytes.total()), ((9 + 3) * 32, whole.index().byte_len()));
+        assert_eq!(all_pages(paged.index()).len(), 2 * 9);
+        assert_eq!(paged.place(objects_id()), None);
+        assert_eq!(all_pages(&load_segments(&paged)), all_pages(whole.index()));
+        assert_eq!(all_pages(&paged.whole_index().unwrap()), all_pages(whole.index()));
+        let verified = paged.verify(&mut |_, _| {});
+        assert_eq!((verified.problems.as_slice(), verified.pages), (&[][..], 19));
+        assert_eq!(verified.nodes, whole.verify(&mut |_, _| {}).nodes);
+        // A page below is loaded by its place, without the index telling of it.
+        let place = whole.place(objects_id()).unwrap();
+        assert_eq!(paged.load(objects_id(), place).unwrap().id(), objects_id());
+    }
+    assert!(World::open_paged(&path, 0).unwrap().paged(u64::MAX).unwrap().index().is_whole());
+    assert!(World::open_whole(&path).unwrap().index().is_whole());
+}
+
+#[test]
+fn opening_touches_no_segment_below_and_a_broken_one_is_named_as_it_is_loaded() {
+    let harmed = Harmed::new(&zone_file("index", "idx"));
+    let sound = memory_world().paged(0).unwrap();
+    let tree = sound.index().trees().next().unwrap();
+    let below: Vec<_> = tree.absent_segments().collect();
+    assert_eq!(below.iter().map(|segment| segment.root).collect::<Vec<_>>(), [at(6), at(12)]);
+    for byte in 0..harmed.bytes.len() {
+        let hit = below.iter().find(|segment| {
+            (segment.place.offset..segment.place.offset + u64::from(segment.place.len)).contains(&(byte as u64))
+        });
+        assert!(harmed.with(|bytes| bytes[byte] ^= 0x40).is_err(), "byte {byte} is of no matter");
+        let world = World::open_paged(&harmed.dir.path().join("world"), 0);
+        let Some(hit) = hit else {
+            assert!(world.is_err(), "byte {byte} is of no matter to the top");
+            continue;
+        };
+        let world = world.unwrap();
+        for segment in &below {
+            match world.load(segment_id(segment.root), segment.place) {
+                Ok(_) => assert_ne!(segment, hit),
+                Err(error) => {
+                    let text = error.to_string();
+                    assert!(segment == hit && !error.is_transient(), "{text}");
+                    for part in [".idx", &segment.root.to_string(), "prepare the world again"] {
+                        assert!(text.contains(part), "{text}");
+                    }
+                }
+            }
+        }
+        assert!(world.whole_index().is_err());
+        assert_eq!(world.verify(&mut |_, _| {}).problems.len(), 1);
+    }
+}
+
+#[test]
+fn bytes_that_pass_for_a_segment_and_are_none_are_refused() {
+    let world = memory_world().paged(0).unwrap();
+    let tree = world.index().trees().next().unwrap();
+    let below: Vec<_> = tree.absent_segments().collect();
+    let bytes = world.read(segment_id(at(6)), below[0].place).unwrap();
+    for (id, bytes) in [
+        (segment_id(at(12)), &bytes[..]),
+        (segment_id(at(7)), &bytes[..]),
+        (segment_id(Zone::new(0).unwrap().root()), &bytes[..]),
+        (segment_id(at(6)), &bytes[..bytes.len() - 1]),
+        (segment_id(at(6)), &[]),
+    ] {
+        assert!(matches!(world.decode(id, below[0].place, bytes), Err(StoreError::Index { .. })), "{id:?}");
+    }
+    let beyond = Place { offset: 1 << 39, len: 32 };
+    assert!(world.load(segment_id(at(6)), beyond).is_err());
+}
+
+/// Sums that are right over links that are wrong: what only a hostile writer makes.
+#[test]
+fn a_segment_whose_links_lead_elsewhere_is_refused_though_its_sum_is_right() {
+    let harmed = Harmed::new(&zone_file("index", "idx"));
+    let sound = memory_world().paged(0).unwrap();
+    let segment = sound.index().trees().next().unwrap().absent_segments().next().unwrap();
+    let from = segment.place.offset as usize;
+    let records = from..from + segment.place.len as usize;
+    for byte in records.clone() {
+        let mut bytes = harmed.bytes.clone();
+        bytes[byte] ^= 0x10;
+        // The second entry of the table ends with the sum of the segment, the head with that of the table.
+        let sum = xxhash_rust::xxh3::xxh3_64(&bytes[records.clone()]);
+        bytes[32 + 64 - 8..32 + 64].copy_from_slice(&sum.to_le_bytes());
+        let table_end = 32 + 3 * 32;
+        let head = [&bytes[..24], &bytes[32..table_end]].concat();
+        bytes[24..32].copy_from_slice(&xxhash_rust::xxh3::xxh3_64(&head).to_le_bytes());
+        fs::remove_file(&harmed.file).unwrap();
+        fs::write(&harmed.file, &bytes).unwrap();
+        let world = World::open_paged(&harmed.dir.path().join("world"), 0).unwrap();
+        match world.load(segment_id(segment.root), segment.place) {
+            Ok(Page::Segment(found)) => {
+                let mut index = world.index().clone();
+                index.insert_segment(found).unwrap();
+                assert!(index.trees().flat_map(IndexTree::nodes).all(|node| node.objects().count() < 256));
+            }
+            Ok(_) => panic!("no segment"),
+            Err(error) => assert!(error.to_string().contains(&segment.root.to_string()), "{error}"),
+        }
+    }
+}
+
 // ---- Version 1, for ever.
 
 fn fixture() -> PathBuf {
@@ -398,8 +533,9 @@ fn version_1_opens_for_ever() {
     let told: Vec<_> = page.objects.iter().map(|object| (object.id, object.base_m, object.top_m)).collect();
     assert_eq!(told, [(0, 100.0, 112.0), (1000, 100.0, 113.0), (2000, 100.0, 114.0)]);
     assert_eq!(mesh.indices.len(), 3 * 3 * (4 * 2 + 2));
-    let bytes = world.read(objects_id(), world.place(objects_id()).unwrap()).unwrap();
-    assert_eq!(world.attributes(objects_id(), &bytes).unwrap()[2], r#"{"name":"Third","levels":4}"#);
+    let place = world.place(objects_id()).unwrap();
+    let bytes = world.read(objects_id(), place).unwrap();
+    assert_eq!(world.attributes(objects_id(), place, &bytes).unwrap()[2], r#"{"name":"Third","levels":4}"#);
 }
 
 const FIXTURE_HEIGHTS_M: [f64; 4] = [-3063.0978, -1453.7328, 123.0045, 696.2214];

@@ -48,13 +48,17 @@ impl LiveTree {
             Page::Objects(objects, _) => {
                 self.objects.insert(page.id(), objects.clone());
             }
+            // Nothing of the index is drawn.
+            Page::Segment(_) => {}
         }
     }
 
     /// Makes a page undrawable; false when it was not resident.
     pub fn remove(&mut self, page: PageId) -> bool {
-        if let PageKind::Objects { .. } = page.kind {
-            return self.objects.remove(&page).is_some();
+        match page.kind {
+            PageKind::Objects { .. } => return self.objects.remove(&page).is_some(),
+            PageKind::Segment => return false,
+            PageKind::Terrain | PageKind::Imagery => {}
         }
         let Some(entry) = self.entries.get_mut(&page.cell) else {
             return false;
@@ -89,6 +93,7 @@ impl LiveTree {
             PageKind::Terrain => self.has_terrain(page.cell),
             PageKind::Imagery => self.has_imagery(page.cell),
             PageKind::Objects { .. } => self.objects.contains_key(&page),
+            PageKind::Segment => false,
         }
     }
 

@@ -1,4 +1,4 @@
-//! Decoded pages: terrain surfaces, imagery, objects. No files, no GPU.
+//! Decoded pages: terrain surfaces, imagery, objects, segments of the index. No files, no GPU.
 
 mod cut;
 mod footprints;
@@ -17,6 +17,7 @@ pub use surface::Surface;
 pub use terrain::{TerrainMesh, TerrainPage, TerrainPost, TerrainVertex, border_posts};
 
 use crate::forest::CellId;
+use crate::forest::index::Segment;
 use std::sync::Arc;
 
 /// Posts along a side of a terrain page.
@@ -32,6 +33,21 @@ pub enum PageKind {
         collection: u8,
         rep: u8,
     },
+    /// The segment of the index that begins with the cell. It is paged like the others, and never drawn.
+    Segment,
+}
+
+/// Which of a zone's files a page lies in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum PageFile {
+    Pack,
+    Index,
+}
+
+impl PageKind {
+    pub fn file(self) -> PageFile {
+        if self == Self::Segment { PageFile::Index } else { PageFile::Pack }
+    }
 }
 
 /// Names a page of a world.
@@ -47,6 +63,7 @@ pub enum Page {
     Terrain(Arc<TerrainPage>),
     Imagery(Arc<ImageryPage>),
     Objects(Arc<ObjectPage>, Arc<ObjectMesh>),
+    Segment(Segment),
 }
 
 impl Page {
@@ -57,6 +74,7 @@ impl Page {
             Self::Objects(page, _) => {
                 PageId { cell: page.root, kind: PageKind::Objects { collection: page.collection, rep: page.rep } }
             }
+            Self::Segment(segment) => PageId { cell: segment.root(), kind: PageKind::Segment },
         }
     }
 
@@ -66,6 +84,7 @@ impl Page {
             Self::Terrain(page) => page.byte_len(),
             Self::Imagery(page) => page.byte_len(),
             Self::Objects(page, mesh) => page.byte_len() + mesh.byte_len(),
+            Self::Segment(segment) => segment.byte_len(),
         }
     }
 }

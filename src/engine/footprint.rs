@@ -45,7 +45,7 @@ pub struct Partition {
 impl Partition {
     /// Fails where the footprint is below the least that can work with the world.
     pub fn new(footprint: ByteSize, mode: Mode, index: &IndexForest) -> Result<Self, EngineError> {
-        let (index_bytes, scratch) = (index.byte_len() as u64, scratch_bytes(mode));
+        let (index_bytes, scratch) = (index.bytes().fixed() as u64, scratch_bytes(mode));
         let least = Self::least(mode, index).0;
         let Some(spare) = footprint.0.checked_sub(least) else {
             return Err(EngineError::FootprintTooSmall { asked: footprint, least: ByteSize(least) });
@@ -56,7 +56,7 @@ impl Partition {
 
     /// The least footprint that can work with a world.
     pub fn least(mode: Mode, index: &IndexForest) -> ByteSize {
-        let fixed = index.byte_len() as u64 + scratch_bytes(mode) + MESH_MIN_BYTES + SLACK_BYTES;
+        let fixed = index.bytes().fixed() as u64 + scratch_bytes(mode) + MESH_MIN_BYTES + SLACK_BYTES;
         ByteSize(fixed + least_footprint_bytes(index))
     }
 

@@ -57,11 +57,18 @@ struct Standing {
     own_m: f64,
 }
 
+/// What lies below objects: what the world has there, and what is drawn.
+struct Below<'a> {
+    index: &'a IndexForest,
+    ground: &'a Ground<'a>,
+}
+
 struct PageLifts {
     under: Vec<Under>,
     standing: Vec<Option<Standing>>,
-    /// Level of the world's finest terrain at each object.
-    finest: Vec<u8>,
+    /// Level of the world's finest terrain at each object; `None` while the index does not tell, as the segment is not
+    /// resident.
+    finest: Vec<Option<u8>>,
     lifts_m: Vec<f32>,
     highest_m: f32,
 }
@@ -77,6 +84,13 @@ impl Lifts {
         self.pages.remove(&page);
     }
 
+    /// The index tells more than before: what it left open is worked out anew.
+    pub(super) fn look_again(&mut self) {
+        for known in self.pages.values_mut().filter(|known| known.finest.contains(&None)) {
+            known.under.fill(Under::Nothing);
+        }
+    }
+
     /// The page of drawn objects and their lifts in metres, or `None` where nothing changed since the last call.
     pub(super) fn update(
         &mut self,
@@ -86,10 +100,10 @@ impl Lifts {
     ) -> Option<(PageId, &[f32])> {
         let page = &*drawn.page;
         let id = page.id();
-        let known = self.pages.entry(id).or_insert_with(|| PageLifts::new(index, page));
+        let known = self.pages.entry(id).or_insert_with(|| PageLifts::new(page));
         let mut changed = false;
         for (at, cell) in page.cells.iter().enumerate() {
-            changed |= known.update_cell(at, cell, page, ground);
+            changed |= known.update_cell(at, cell, page, &Below { index, ground });
         }
         if changed {
             known.highest_m = known.lifts_m.iter().copied().fold(0.0, f32::max);
@@ -134,18 +148,18 @@ impl KnownLifts for LiftCopies {
 }
 
 impl PageLifts {
-    fn new(index: &IndexForest, page: &ObjectPage) -> Self {
+    fn new(page: &ObjectPage) -> Self {
         Self {
             under: vec![Under::Nothing; page.cells.len()],
             standing: vec![None; page.objects.len()],
-            finest: page.objects.iter().map(|object| finest_terrain_level(index, object)).collect(),
+            finest: vec![None; page.objects.len()],
             lifts_m: vec![0.0; page.objects.len()],
             highest_m: 0.0,
         }
     }
 
-    fn update_cell(&mut self, at: usize, cell: &CellObjects, page: &ObjectPage, ground: &Ground<'_>) -> bool {
-        let covering = ground.covering(cell.cell);
+    fn update_cell(&mut self, at: usize, cell: &CellObjects, page: &ObjectPage, below: &Below<'_>) -> bool {
+        let covering = below.ground.covering(cell.cell);
         let under = match covering {
             Some(piece) => Under::One { terrain: piece.terrain.cell, own: (piece.own * OWN_STEPS).round() as u32 },
             None => Under::Several,
@@ -157,18 +171,20 @@ impl PageLifts {
         let mut changed = false;
         for which in cell.objects.start as usize..cell.objects.end as usize {
             let Some(object) = page.objects.get(which) else { break };
-            let piece = covering.or_else(|| ground.covering(place_cell(object)));
-            changed |= piece.is_some_and(|piece| self.update_object(which, object, piece));
+            let piece = covering.or_else(|| below.ground.covering(place_cell(object)));
+            changed |= piece.is_some_and(|piece| self.update_object(which, object, piece, below.index));
         }
         changed
     }
 
-    fn update_object(&mut self, which: usize, object: &Object, piece: &DrawPiece) -> bool {
+    fn update_object(&mut self, which: usize, object: &Object, piece: &DrawPiece, index: &IndexForest) -> bool {
+        let finest = self.finest[which].or_else(|| finest_terrain_level(index, object));
+        self.finest[which] = finest;
         let known = self.standing[which].filter(|standing| standing.terrain == piece.terrain.cell);
         let Some(standing) = known.or_else(|| Standing::of(object, &piece.terrain)) else { return false };
         self.standing[which] = Some(standing);
         let own = f64::from((piece.own * OWN_STEPS).round() / OWN_STEPS);
-        let lift_m = (standing.lift_m(object, own, self.finest[which]) / LIFT_STEP_M).round() * LIFT_STEP_M;
+        let lift_m = (standing.lift_m(object, own, finest) / LIFT_STEP_M).round() * LIFT_STEP_M;
         std::mem::replace(&mut self.lifts_m[which], lift_m as f32) != lift_m as f32
     }
 }
@@ -179,9 +195,9 @@ impl Standing {
         Some(Self { terrain: terrain.cell, parent_m: height_m(0.0)?, own_m: height_m(1.0)? })
     }
 
-    fn lift_m(&self, object: &Object, own: f64, finest_level: u8) -> f64 {
+    fn lift_m(&self, object: &Object, own: f64, finest_level: Option<u8>) -> f64 {
         let base_m = f64::from(object.base_m);
-        if self.terrain.level() >= finest_level {
+        if finest_level.is_some_and(|finest| self.terrain.level() >= finest) {
             (1.0 - own) * (self.parent_m - base_m).max(0.0)
         } else {
             (self.parent_m + (self.own_m - self.parent_m) * own - base_m).max(0.0)
@@ -193,9 +209,10 @@ fn place_cell(object: &Object) -> CellId {
     CellId::containing(object.lat_rad, object.lon_rad, LEVEL_MAX)
 }
 
-/// Level of the finest terrain page that the world has at an object; 0 where it has none.
-fn finest_terrain_level(index: &IndexForest, object: &Object) -> u8 {
-    let Some(tree) = index.tree(place_cell(object).zone()) else { return 0 };
+/// Level of the finest terrain page that the world has at an object; 0 where it has none, `None` where the index goes
+/// on in a segment that is not resident.
+fn finest_terrain_level(index: &IndexForest, object: &Object) -> Option<u8> {
+    let Some(tree) = index.tree(place_cell(object).zone()) else { return Some(0) };
     let path = place_cell(object);
     let (mut node, mut finest) = (tree.root(), 0);
     for level in 1..=LEVEL_MAX {
@@ -206,5 +223,6 @@ fn finest_terrain_level(index: &IndexForest, object: &Object) -> u8 {
             finest = level;
         }
     }
-    finest
+    let goes_on = node.absent_children().any(|segment| segment.root.contains(path));
+    (!goes_on).then_some(finest)
 }

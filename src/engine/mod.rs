@@ -9,7 +9,6 @@ mod cost;
 mod footprint;
 mod frame;
 mod ground;
-mod levels;
 mod lift;
 mod live;
 mod params;
@@ -19,13 +18,13 @@ mod residency;
 mod scene;
 mod sink;
 mod surroundings;
-mod usage;
+mod throttle;
 
 pub use crate::paging::{Aim, FrameReport, FrameTimings, Lack};
 pub use cost::{CostModel, Load, TimeBudget};
 pub use footprint::{
-    IN_FLIGHT_MAX, MESH_MIN_BYTES, Partition, READ_BYTES_PER_FRAME, SCRATCH_PER_SERVER_BYTES, SLACK_BYTES,
-    THREADS_PER_LAYER, UPLOAD_BYTES_PER_FRAME,
+    IN_FLIGHT_MAX, MESH_MIN_BYTES, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, SCRATCH_PER_SERVER_BYTES,
+    SLACK_BYTES, THREADS_PER_LAYER, UPLOAD_BYTES_PER_FRAME,
 };
 pub use frame::Engine;
 pub use ground::GroundProbe;
@@ -35,3 +34,4 @@ pub use params::{EngineError, EngineParams, FrameRequest, Mode};
 pub use pick_mesh::{PICK_MESH_BYTES_MAX, PickWork};
 pub use reader::Source;
 pub use surroundings::{DrawnGround, PickCache};
+pub use throttle::{ClockSecs, ThrottledServer};

@@ -4,6 +4,7 @@ use crate::camera::View;
 use crate::paging::{ManagerError, PlannerParams, ServerError};
 use crate::render::RenderError;
 use crate::select::ObjectsMode;
+use crate::storage::{Faults, StorageModel};
 use crate::units::ByteSize;
 
 /// How frames and reads keep step.
@@ -41,6 +42,12 @@ pub struct EngineParams {
     pub mode: Mode,
     /// What is fetched, and in which order; settled runs fetch the front alone.
     pub planner: PlannerParams,
+    /// What live runs are held back to; without one, the disk is read as fast as it goes.
+    pub storage: Option<StorageModel>,
+    /// What goes wrong in live runs, with `storage` or without.
+    pub faults: Faults,
+    /// Whom the faults hit.
+    pub seed: u64,
 }
 
 impl Default for EngineParams {
@@ -53,6 +60,9 @@ impl Default for EngineParams {
             frame_ms: None,
             mode: Mode::LockStep,
             planner: PlannerParams::default(),
+            storage: None,
+            faults: Faults::NONE,
+            seed: 0,
         }
     }
 }

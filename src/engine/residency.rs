@@ -6,22 +6,26 @@ use super::footprint::{
 };
 use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::sink::{Handover, PageSink};
-use super::usage::{Usage, drawn_pages};
+use super::throttle::ThrottledServer;
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::cells::LiveTree;
-use crate::content::{IMAGERY_STORED_PX, Page, PageId, PageKind};
+use crate::content::{Page, PageFile, PageId, PageKind};
 use crate::forest::Zone;
-use crate::forest::index::{IndexForest, Place};
+use crate::forest::index::{IndexForest, Place, Segment};
 use crate::paging::{
-    Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PageServer, RangeRead, ReadError,
-    RequestManager, ServerLimits, ThreadedServers,
+    Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PICTURE_GPU_BYTES, PageServer, RangeRead,
+    ReadError, RequestManager, ServerLimits, ThreadedServers, Usage, drawn_pages, pinned_demands,
 };
 use crate::render::{ArenaFull, GpuLimits};
-use crate::select::{Demand, Selection, Urgency};
+use crate::select::{Demand, Selection};
+use crate::storage::{Disk, Faults, ReadLimits, StorageModel};
 use std::collections::{HashMap, HashSet};
 
 /// Messages of failures kept for the caller; further ones are only counted.
 const MESSAGES_MAX: usize = 16;
+
+/// How often live runs ask for pages, seconds, as far as that is known beforehand.
+const LIVE_STEP_S: f64 = 1.0 / 60.0;
 
 /// What went on so far.
 #[derive(Clone, Copy, Debug, Default)]
@@ -45,16 +49,6 @@ struct Orders {
     evict: Vec<PageId>,
 }
 
-/// Bytes of a picture with its mips on the GPU.
-const PICTURE_GPU_BYTES: u64 = {
-    let (mut bytes, mut side) = (0, IMAGERY_STORED_PX as u64);
-    while side > 0 {
-        bytes += 4 * side * side;
-        side /= 2;
-    }
-    bytes
-};
-
 fn is_picture(page: PageId) -> bool {
     page.kind == PageKind::Imagery
 }
@@ -62,6 +56,8 @@ fn is_picture(page: PageId) -> bool {
 /// What is resident, and the machinery that changes it.
 pub struct Residency {
     pub cells: LiveTree,
+    /// The source's index with the segments that are resident.
+    pub index: IndexForest,
     pub manager: RequestManager,
     pub usage: Usage,
     pub lifts: Lifts,
@@ -76,7 +72,7 @@ pub struct Residency {
     gpu_total_bytes: u64,
     /// Pictures under way: they will go where the arena has layers free.
     pictures_in_flight: u64,
-    last_read: Option<(Zone, u64)>,
+    last_read: Option<(Zone, PageFile, u64)>,
     messages: Vec<String>,
     /// The highest since it was last asked for.
     footprint_max_bytes: u64,
@@ -85,22 +81,27 @@ pub struct Residency {
 impl Residency {
     pub fn new(params: &EngineParams, partition: Partition, source: &Source) -> Result<Self, EngineError> {
         let read_bytes_per_update = if params.mode == Mode::LockStep { READ_BYTES_PER_FRAME } else { u64::MAX >> 2 };
+        // Of a disk of unknown kind nothing is known.
+        let unknown = ReadLimits { in_flight: IN_FLIGHT_MAX, run_bytes: RUN_BYTES, gap_bytes: GAP_BYTES };
+        let held_back = params.storage.filter(|_| params.mode == Mode::Live);
+        let reads = held_back.map_or(unknown, |storage| storage.reads(LIVE_STEP_S));
         let limits = Limits {
             footprint_bytes: partition.pool_bytes(0),
-            in_flight: IN_FLIGHT_MAX,
+            in_flight: reads.in_flight,
             pages_in_flight: PAGES_IN_FLIGHT_MAX,
             read_bytes_per_update,
-            run_bytes: RUN_BYTES,
-            gap_bytes: GAP_BYTES,
+            run_bytes: reads.run_bytes,
+            gap_bytes: reads.gap_bytes,
         };
         let server: Box<dyn PageServer> = if params.mode == Mode::Live {
             let limits = ServerLimits { threads_per_layer: THREADS_PER_LAYER, queue_len: PAGES_IN_FLIGHT_MAX };
-            Box::new(ThreadedServers::start(&source.reader, limits)?)
+            throttled(Box::new(ThreadedServers::start(&source.reader, limits)?), params)
         } else {
             Box::new(InlineServer::new(source.reader.clone()))
         };
         Ok(Self {
             cells: LiveTree::default(),
+            index: source.index.clone(),
             manager: RequestManager::for_world(limits, &source.index)?,
             usage: Usage::default(),
             lifts: Lifts::default(),
@@ -169,6 +170,10 @@ impl Residency {
             self.count_read(id, place);
         }
         match outcome {
+            Outcome::Loaded(Page::Segment(segment)) => {
+                let completion = self.admit_segment(segment);
+                self.complete(id, place, completion, now_s, sink)
+            }
             Outcome::Loaded(page) => match sink.upload(&page) {
                 Handover::Done(uploaded) => self.admit(&page, place, uploaded, now_s, sink),
                 Handover::Later => {
@@ -184,6 +189,18 @@ impl Residency {
                 self.complete(id, place, completion, now_s, sink)
             }
         }
+    }
+
+    /// Makes a segment part of the index; nothing of it goes to the GPU.
+    fn admit_segment(&mut self, segment: Segment) -> Completion {
+        let (cell, memory) = (segment.root(), segment.byte_len() as u64);
+        if let Err(error) = self.index.insert_segment(segment) {
+            self.note(error.to_string());
+            return Completion::Broken;
+        }
+        self.held.insert(PageId { cell, kind: PageKind::Segment }, Held { gpu: 0, memory });
+        self.lifts.look_again();
+        Completion::Loaded { bytes: memory }
     }
 
     /// Makes an uploaded page drawable.
@@ -238,10 +255,10 @@ impl Residency {
     }
 
     fn count_read(&mut self, page: PageId, place: Place) {
-        let zone = page.cell.zone();
+        let (zone, file) = (page.cell.zone(), page.kind.file());
         self.traffic.bytes_read += u64::from(place.len);
-        self.traffic.seeks += u64::from(self.last_read != Some((zone, place.offset)));
-        self.last_read = Some((zone, place.offset + u64::from(place.len)));
+        self.traffic.seeks += u64::from(self.last_read != Some((zone, file, place.offset)));
+        self.last_read = Some((zone, file, place.offset + u64::from(place.len)));
     }
 
     fn note(&mut self, message: String) {
@@ -317,6 +334,12 @@ impl Residency {
     }
 
     fn drop_page(&mut self, page: PageId, sink: &mut dyn PageSink) {
+        if page.kind == PageKind::Segment {
+            self.index.remove_segment(page.cell);
+            self.held.remove(&page);
+            self.usage.dropped(page);
+            return;
+        }
         self.cells.remove(page);
         let held = self.held.remove(&page).unwrap_or_default();
         sink.remove(page, held.gpu, held.memory);
@@ -363,25 +386,21 @@ impl Residency {
     }
 }
 
+/// The servers behind what live runs are asked to be held back by; themselves where that is nothing.
+fn throttled(servers: Box<dyn PageServer>, params: &EngineParams) -> Box<dyn PageServer> {
+    if params.storage.is_none() && params.faults == Faults::NONE {
+        return servers;
+    }
+    let model = params.storage.unwrap_or(StorageModel::DIRECT);
+    Box::new(ThrottledServer::new(servers, Disk::new(model, params.faults, params.seed)))
+}
+
 /// Bytes that a resident page holds beside the GPU: pictures and meshes of objects go there whole.
 fn memory_bytes(page: &Page) -> u64 {
     match page {
         Page::Terrain(terrain) => terrain.byte_len() as u64,
         Page::Imagery(_) => 0,
+        Page::Segment(segment) => segment.byte_len() as u64,
         Page::Objects(objects, _) => (objects.byte_len() + objects.objects.len() * LIFT_BYTES_PER_OBJECT) as u64,
     }
-}
-
-fn pinned_demands(index: &IndexForest) -> Vec<Demand> {
-    let roots = index.trees().map(|tree| tree.root());
-    let demand = |page, place| Demand { page, place, urgency: Urgency::Blocking, gain: f64::INFINITY };
-    roots
-        .flat_map(|root| {
-            let cell = root.cell();
-            let terrain = root.terrain().map(|entry| demand(PageId { cell, kind: PageKind::Terrain }, entry.place));
-            let imagery = root.imagery().map(|place| demand(PageId { cell, kind: PageKind::Imagery }, place));
-            [terrain, imagery]
-        })
-        .flatten()
-        .collect()
 }

@@ -2,13 +2,12 @@
 
 use super::cost::{Load, TimeBudget};
 use super::footprint::Partition;
-use super::levels::DrawnLevels;
 use super::lift::Ground;
 use super::residency::Residency;
 use super::sink::PageSink;
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::camera::View;
-use crate::paging::{DrawnTolerance, Frame, FrameReport, FrameTimings, KnownWay, Lack, Planner, Totals};
+use crate::paging::{DrawnLevels, DrawnTolerance, Frame, FrameReport, FrameTimings, KnownWay, Lack, Planner, Totals};
 use crate::select::{Demand, OutOfView, SelectParams, Selection, select_raised};
 use std::time::Instant;
 
@@ -191,13 +190,13 @@ impl Scene {
 
     fn select_at(&self, view: &View, factor: f64) -> Selection {
         let params = self.select_params();
-        select_raised(&self.source.index, &self.residency.cells, view, &params, params.tolerance_px * factor)
+        select_raised(&self.residency.index, &self.residency.cells, view, &params, params.tolerance_px * factor)
     }
 
     fn lift(&mut self, selection: &Selection, sink: &mut dyn PageSink) {
         let ground = Ground::new(&selection.pieces);
         for drawn in &selection.objects {
-            if let Some((page, lifts_m)) = self.residency.lifts.update(&self.source.index, &ground, drawn) {
+            if let Some((page, lifts_m)) = self.residency.lifts.update(&self.residency.index, &ground, drawn) {
                 sink.set_lifts(page, lifts_m);
             }
         }
@@ -244,31 +243,20 @@ impl Scene {
     pub fn report(&mut self, chosen: &Chosen, t_s: f64, sink: &dyn PageSink) -> FrameReport {
         let stats = self.residency.manager.stats();
         let selected = &chosen.selection.stats;
-        FrameReport {
+        let mut report = FrameReport {
             t_s,
             tolerance_drawn_px: self.params.tolerance_px * self.tolerance.factor(),
             lack: self.tolerance.lack(),
-            debt_px: selected.debt_px,
-            excess_max_px: selected.excess_max_px,
-            terrain_excess_max_px: selected.terrain_excess_max_px,
-            excess_p99_px: selected.excess_p99_px,
-            raw_error_px: selected.raw_error_px,
-            // No share is −0.
-            coverage: selected.coverage + 0.0,
-            cells_tested: selected.cells_tested,
-            cells_culled: selected.cells_culled,
             cells_drawn: chosen.selection.pieces.len() as u32,
-            objects_tested: selected.objects_tested,
-            objects_drawn: selected.objects_drawn,
-            objects_culled: selected.objects_culled,
-            pages_missing: selected.pages_missing,
             would_have_waited: chosen.would_have_waited,
             ground_pressed: chosen.selection.press.is_some_and(|press| press.buries_eye()),
             in_flight: stats.in_flight,
             resident_pages: stats.resident_pages,
             footprint_bytes: self.residency.take_footprint_max(sink),
             ..FrameReport::default()
-        }
+        };
+        report.take_measures(selected);
+        report
     }
 }
 

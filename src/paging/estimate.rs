@@ -5,7 +5,7 @@
 //! first [`OBJECTS_GROWTH`]. Estimates are meant to be too large rather than too small; what they miss is caught by the
 //! manager's [`reserve`](super::manager).
 
-use crate::content::{IMAGERY_STORED_PX, POSTS, PageKind, TerrainPage, TerrainPost};
+use crate::content::{IMAGERY_STORED_PX, POSTS, Page, PageKind, TerrainPage, TerrainPost};
 use crate::forest::index::Place;
 
 /// Decoded and uploaded bytes of a page of objects per stored byte, before any has been seen: a stored footprint corner
@@ -22,6 +22,36 @@ const TERRAIN_BYTES: u64 = (POSTS * POSTS * size_of::<TerrainPost>()
     + size_of::<TerrainPage>()) as u64
     + PAGE_OVERHEAD_BYTES;
 
+/// Bytes of a picture with its mips on the GPU.
+pub const PICTURE_GPU_BYTES: u64 = {
+    let (mut bytes, mut side) = (0, IMAGERY_STORED_PX as u64);
+    while side > 0 {
+        bytes += 4 * side * side;
+        side /= 2;
+    }
+    bytes
+};
+
+/// Bytes that a page holds once it is resident, on the GPU and beside it: pictures and meshes of objects lie on the GPU
+/// alone.
+pub fn held_bytes(page: &Page) -> u64 {
+    match page {
+        Page::Terrain(terrain) => terrain.byte_len() as u64,
+        Page::Imagery(_) => PICTURE_GPU_BYTES,
+        Page::Objects(objects, mesh) => (objects.byte_len() + mesh.byte_len()) as u64,
+        Page::Segment(segment) => segment.byte_len() as u64,
+    }
+}
+
+/// A lower bound of the same by the index alone: no page is smaller decoded than stored.
+pub fn least_held_bytes(kind: PageKind, place: Place) -> u64 {
+    match kind {
+        PageKind::Terrain => size_of::<TerrainPage>() as u64 + u64::from(place.len),
+        PageKind::Imagery => PICTURE_GPU_BYTES,
+        PageKind::Objects { .. } | PageKind::Segment => u64::from(place.len),
+    }
+}
+
 /// Learned sizes.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Estimator {
@@ -36,6 +66,8 @@ impl Estimator {
     /// Bytes that a page will hold, its stored bytes while they are read included.
     pub fn bytes(&self, kind: PageKind, place: Place) -> u64 {
         let held = match kind {
+            // As long in memory as it is stored, and read into the memory that it stays in.
+            PageKind::Segment => return u64::from(place.len),
             PageKind::Terrain => TERRAIN_BYTES,
             PageKind::Imagery => IMAGERY_BYTES,
             PageKind::Objects { .. } => {

@@ -232,13 +232,6 @@ impl Forecast {
         let pad_px = (off_rad.min(widest_rad).min(1.0).tan() * view.focal_px()) as u32;
         Predicted { after_s, view: if pad_px > 0 { view.padded(pad_px) } else { view }, pad_px }
     }
-
-    /// The view expected, looking another way.
-    pub fn turned(&self, after_s: f64, by_rad: f64) -> View {
-        let pose = self.pose(after_s);
-        let turned = Pose { heading_rad: wrapped(pose.heading_rad + by_rad), ..pose };
-        View::new(turned, self.view.fov_y_rad, self.view.size_px)
-    }
 }
 
 #[cfg(test)]

@@ -545,3 +545,18 @@ fn least_plan_bytes(index: &IndexForest) -> u64 {
 fn footprint_for(plan_bytes: u64) -> u64 {
     (plan_bytes as f64 / (1.0 - 0.5f64.powi(RESERVE_SHIFT as i32))).ceil() as u64 + 1
 }
+
+/// The coarsest pages of all zones: they are loaded before anything else, and stay.
+pub fn pinned_demands(index: &IndexForest) -> Vec<Demand> {
+    let roots = index.trees().map(|tree| tree.root());
+    let demand = |page, place| Demand { page, place, urgency: Urgency::Blocking, gain: f64::INFINITY };
+    roots
+        .flat_map(|root| {
+            let cell = root.cell();
+            let terrain = root.terrain().map(|entry| demand(PageId { cell, kind: PageKind::Terrain }, entry.place));
+            let imagery = root.imagery().map(|place| demand(PageId { cell, kind: PageKind::Imagery }, place));
+            [terrain, imagery]
+        })
+        .flatten()
+        .collect()
+}

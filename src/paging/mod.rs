@@ -3,6 +3,7 @@
 
 mod estimate;
 mod forecast;
+mod levels;
 mod manager;
 mod order;
 mod pace;
@@ -12,8 +13,12 @@ mod report;
 mod servers;
 mod slow;
 mod tolerance;
+mod usage;
 
+pub use estimate::{PICTURE_GPU_BYTES, held_bytes, least_held_bytes};
 pub use forecast::{Forecast, Forecaster, KnownWay, Predicted};
+pub use levels::DrawnLevels;
+pub use manager::pinned_demands;
 pub use manager::{
     Command, Completion, Event, LayerCounts, Limits, ManagerError, ManagerStats, PageCounts, PageState, RangeRead,
     RequestManager, least_footprint_bytes,
@@ -29,3 +34,4 @@ pub use servers::{
 };
 pub use slow::{Gate, SlowReader, Stall, StallError};
 pub use tolerance::{Aim, DrawnTolerance, Lack};
+pub use usage::{Usage, drawn_pages};

@@ -1,6 +1,7 @@
 //! What one frame did and cost: feeds the display, the tests, the charts and the logs.
 
 use super::tolerance::Lack;
+use crate::select::SelectStats;
 use serde::Serialize;
 
 /// Counts and measures of one frame. Everything but `timings` follows from the input alone in lock-step runs.
@@ -108,6 +109,23 @@ pub struct Totals {
 }
 
 impl FrameReport {
+    /// Takes over what selection counted and measured.
+    pub fn take_measures(&mut self, selected: &SelectStats) {
+        self.debt_px = selected.debt_px;
+        self.excess_max_px = selected.excess_max_px;
+        self.terrain_excess_max_px = selected.terrain_excess_max_px;
+        self.excess_p99_px = selected.excess_p99_px;
+        self.raw_error_px = selected.raw_error_px;
+        // No share is −0.
+        self.coverage = selected.coverage + 0.0;
+        self.cells_tested = selected.cells_tested;
+        self.cells_culled = selected.cells_culled;
+        self.objects_tested = selected.objects_tested;
+        self.objects_drawn = selected.objects_drawn;
+        self.objects_culled = selected.objects_culled;
+        self.pages_missing = selected.pages_missing;
+    }
+
     /// Takes in what happened between two counts.
     pub fn count(&mut self, before: &Totals, now: &Totals) {
         self.level_switches = (now.level_switches - before.level_switches) as u32;

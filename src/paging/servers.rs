@@ -142,7 +142,8 @@ const LAYERS: [&str; 3] = ["terrain", "imagery", "objects"];
 
 fn layer(kind: PageKind) -> usize {
     match kind {
-        PageKind::Terrain => 0,
+        // Segments are few and small, and wanted before the data below them.
+        PageKind::Terrain | PageKind::Segment => 0,
         PageKind::Imagery => 1,
         PageKind::Objects { .. } => 2,
     }

@@ -329,7 +329,7 @@ fn read_terrain(world: &World, cell: CellId) -> Result<Arc<TerrainPage>, Against
     let entry = node.and_then(|node| node.terrain()).ok_or(AgainstError::NoTerrain)?;
     let id = PageId { cell, kind: PageKind::Terrain };
     let bytes = world.read(id, entry.place)?;
-    match world.decode(id, &bytes)? {
+    match world.decode(id, entry.place, &bytes)? {
         Page::Terrain(page) => Ok(page),
         _ => Err(AgainstError::NoTerrain),
     }

@@ -67,7 +67,7 @@ fn stored_prisms(world: &World, collection: u8) -> Result<ById, AgainstError> {
         for entry in node.objects().filter(|entry| entry.collection == collection && entry.rep == 0) {
             let id = PageId { cell: node.cell(), kind: PageKind::Objects { collection, rep: 0 } };
             let bytes = world.read(id, entry.place)?;
-            for prism in world.prisms(id, &bytes)?.prisms {
+            for prism in world.prisms(id, entry.place, &bytes)?.prisms {
                 stored.entry(prism.id).or_default().push(prism);
             }
         }

@@ -30,7 +30,7 @@ pub enum RecordError {
 #[derive(Clone, Debug, Default)]
 pub struct FlightHeader {
     pub world: String,
-    /// "lockstep", "settled" or "live".
+    /// "lockstep", "settled", "live", or "virtual" with the storage model.
     pub mode: String,
     pub policy: String,
     pub size_px: [u32; 2],
@@ -38,6 +38,13 @@ pub struct FlightHeader {
     pub footprint_limit_bytes: u64,
     /// Times of arrival, seconds of the flight.
     pub arrivals_s: Vec<f64>,
+}
+
+impl FlightHeader {
+    /// Whether the flight followed a virtual clock.
+    pub fn is_virtual(&self) -> bool {
+        self.mode.starts_with("virtual")
+    }
 }
 
 /// One arrival at a place.
@@ -94,6 +101,11 @@ pub struct FlightSummary {
     pub uncovered_px: Option<u64>,
     pub evicted: u64,
     pub level_switches: u64,
+    /// Stored bytes asked for: of pages that the frame lacked already, and of those fetched ahead.
+    pub front_bytes: u64,
+    pub ahead_bytes: u64,
+    /// Times that virtual frames waited for their pages, seconds; null where none did.
+    pub waited_s: Option<Distribution>,
 }
 
 /// The frames of a flight.
@@ -115,6 +127,8 @@ impl FlightLog {
     pub fn summary(&self) -> FlightSummary {
         let (header, frames) = (&self.header, &self.frames);
         let spread = |figure: fn(&FrameReport) -> f64| Distribution::of(frames.iter().map(figure));
+        // A virtual clock tells nothing of this machine.
+        let measured = |figure: fn(&FrameReport) -> f64| spread(figure).filter(|_| !header.is_virtual());
         let total = |figure: fn(&FrameReport) -> u64| frames.iter().map(figure).sum::<u64>();
         let highest = |figure: fn(&FrameReport) -> f64| frames.iter().map(figure).fold(0.0, f64::max);
         let bytes_read = total(|frame| frame.bytes_read);
@@ -128,12 +142,12 @@ impl FlightLog {
             frames: frames.len() as u64,
             seconds: self.seconds(),
             first_frame_ms: self.first_frame_ms,
-            frame_ms: spread(|frame| frame.timings.frame_ms),
-            cpu_ms: spread(|frame| frame.timings.cpu_ms()),
+            frame_ms: measured(|frame| frame.timings.frame_ms),
+            cpu_ms: measured(|frame| frame.timings.cpu_ms()),
             triangles: spread(|frame| frame.triangles as f64),
             debt_px: spread(|frame| frame.debt_px),
-            debt_px_s: self.debt_px_s(),
-            debt_bound_px_s: None,
+            debt_px_s: self.integral(|frame| Some(frame.debt_px)).unwrap_or(0.0),
+            debt_bound_px_s: self.integral(|frame| frame.debt_bound_px),
             excess_px: spread(|frame| frame.excess_max_px),
             raw_error_px: spread(|frame| frame.raw_error_px),
             holes: (!audited.is_empty()).then(|| audited.iter().sum()),
@@ -149,7 +163,7 @@ impl FlightLog {
             layout_fallbacks: None,
             footprint_limit_bytes: header.footprint_limit_bytes,
             footprint_max_bytes: frames.iter().map(|frame| frame.footprint_bytes).max().unwrap_or(0),
-            peak_rss_bytes: super::peak_rss_bytes(),
+            peak_rss_bytes: super::peak_rss_bytes().filter(|_| !header.is_virtual()),
             waste_fraction: (bytes_read > 0).then(|| self.wasted_bytes as f64 / bytes_read as f64),
             arrivals: header.arrivals_s.iter().map(|&at_s| self.arrival(at_s)).collect(),
             per_frame: FRAMES_FILE.to_owned(),
@@ -160,6 +174,9 @@ impl FlightLog {
             uncovered_px: (!audited.is_empty()).then(|| total(|frame| frame.uncovered_px.unwrap_or(0))),
             evicted: total(|frame| frame.evicted),
             level_switches: total(|frame| u64::from(frame.level_switches)),
+            front_bytes: total(|frame| frame.front_bytes),
+            ahead_bytes: total(|frame| frame.ahead_bytes),
+            waited_s: spread(|frame| frame.waited_s).filter(|waits| waits.max > 0.0),
         }
     }
 
@@ -170,9 +187,9 @@ impl FlightLog {
         }
     }
 
-    /// Each frame's debt stands until the next frame.
-    fn debt_px_s(&self) -> f64 {
-        self.frames.windows(2).map(|pair| pair[0].debt_px * (pair[1].t_s - pair[0].t_s)).sum()
+    /// Each frame's figure stands until the next frame; `None` where a frame has none.
+    fn integral(&self, figure: impl Fn(&FrameReport) -> Option<f64>) -> Option<f64> {
+        self.frames.windows(2).map(|pair| Some(figure(&pair[0])? * (pair[1].t_s - pair[0].t_s))).sum()
     }
 
     fn arrival(&self, at_s: f64) -> Arrival {

@@ -256,7 +256,7 @@ fn index_ranges(draw: &DrawObjects) -> Vec<Range<u32>> {
 /// Bytes that a page takes on the GPU, whatever its kind; terrain takes none until it is drawn.
 pub(super) fn gpu_bytes(page: &Page) -> u64 {
     match page {
-        Page::Terrain(_) => 0,
+        Page::Terrain(_) | Page::Segment(_) => 0,
         Page::Imagery(_) => super::imagery::layer_bytes(),
         Page::Objects(page, mesh) => page_bytes(page, mesh),
     }

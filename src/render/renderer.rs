@@ -138,7 +138,7 @@ impl Renderer {
     /// A page that is there already stays as it is.
     pub fn upload(&mut self, page: &Page) -> Result<u64, ArenaFull> {
         match page {
-            Page::Terrain(_) => Ok(0),
+            Page::Terrain(_) | Page::Segment(_) => Ok(0),
             Page::Imagery(page) => self.imagery.upload(&self.gpu, page),
             Page::Objects(page, mesh) => self.objects.upload(&self.gpu, page, mesh),
         }
@@ -150,6 +150,7 @@ impl Renderer {
             PageKind::Terrain => self.meshes.remove(page.cell),
             PageKind::Imagery => self.imagery.remove(page.cell),
             PageKind::Objects { .. } => self.objects.remove(page),
+            PageKind::Segment => {}
         }
     }
 

@@ -4,7 +4,7 @@ use super::region::FrontRegion;
 use super::{Demand, Urgency};
 use crate::content::{PageId, PageKind};
 use crate::forest::CellId;
-use crate::forest::index::{IndexForest, Node, Place};
+use crate::forest::index::{IndexForest, Node, Place, SegmentRef};
 use std::collections::HashMap;
 
 /// Gains of the zones' coarsest pages, before all else: with them there is never a hole.
@@ -12,6 +12,10 @@ const ROOT_TERRAIN_GAIN: f64 = 1e30;
 const ROOT_IMAGERY_GAIN: f64 = 1e29;
 /// Gain of the ground under the eye: the finest first, which alone makes the ground right.
 const GROUND_GAIN: f64 = 1e20;
+/// Gain of the segments under the eye: before the ground that they tell of.
+const GROUND_SEGMENT_GAIN: f64 = 1e25;
+/// What a segment's gain is above those of all pages: what is below it cannot even be asked for.
+const SEGMENT_GAIN: f64 = 1e9;
 /// Share of a page's full error that counts when it is drawn already or stood in for: keeps the order among them.
 const KEEP_SHARE: f64 = 1e-6;
 /// Errors beyond this count as this, so that gains stay finite.
@@ -51,6 +55,15 @@ impl DemandList {
         }
     }
 
+    /// A segment under the eye.
+    pub fn ground_segment(&mut self, segment: SegmentRef, missing: bool) {
+        let (cell, kind) = (segment.root, PageKind::Segment);
+        self.raise(cell, kind, segment.place, Urgency::Blocking, GROUND_SEGMENT_GAIN);
+        if let Some(wish) = self.wishes.get_mut(&PageId { cell, kind }) {
+            wish.missing = missing;
+        }
+    }
+
     fn raise(&mut self, cell: CellId, kind: PageKind, place: Place, urgency: Urgency, gain: f64) {
         let wish = self.wishes.entry(PageId { cell, kind }).or_insert(Wish { place, urgency, gain, missing: false });
         if wish.urgency <= urgency {
@@ -67,7 +80,8 @@ impl DemandList {
         let fall_px = if missing { (region.drawn_px - wanted_px).max(0.0) } else { 0.0 };
         let error_px = if region.drawn.is_some() { region.drawn_px } else { region.absent_px };
         let worth_px = fall_px + KEEP_SHARE * error_px.min(ERROR_MAX_PX);
-        let gain = (region.share + SHARE_MIN) * worth_px / f64::from(front.place.len.max(1));
+        let first = if region.kind == PageKind::Segment { SEGMENT_GAIN } else { 0.0 };
+        let gain = first + (region.share + SHARE_MIN) * worth_px / f64::from(front.place.len.max(1));
         let page = PageId { cell: front.cell, kind: region.kind };
         let (place, urgency) = (front.place, Urgency::Visible);
         let wish = self.wishes.entry(page).or_insert(Wish { place, urgency, gain: 0.0, missing: false });

@@ -2,7 +2,7 @@
 //!
 //! The walk goes down while a layer's error is above the tolerance and the world has finer pages of it. Each layer
 //! stops for itself: below its front its page is cut, not loaded finer. Each quadrant resolves alone; where the index
-//! has no child, the parent is cut to the quadrant. Pages are taken from the cell or its nearest resident ancestor; where
+//! has no child, the parent is cut to the quadrant; where the child's segment is not resident, that is asked for. Pages are taken from the cell or its nearest resident ancestor; where
 //! a page of the front is missing and finer ones are resident below, those stand in for it. At last quadrants that
 //! draw the same pages as their parent become one piece again.
 //!
@@ -10,15 +10,15 @@
 //! view and the tolerance, and not from what is resident. So debt, what a page would take off it, and the debt that no
 //! policy can beat are sums over the same regions with the same weights.
 
-use super::layer::{Layer, Offer, Rep};
-use super::region::{FrontRegion, VisitRegion};
+use super::layer::{Layer, Offer, Rep, is_finer};
+use super::region::{FrontRegion, SeenSegment, VisitRegion};
 use super::sight::Sight;
 use super::{DrawPiece, OutOfView, SelectStats};
 use crate::cells::LiveTree;
 use crate::content::{PageId, PageKind};
-use crate::forest::index::{IndexForest, Node};
+use crate::forest::index::{IndexForest, Node, SegmentRef};
 use crate::forest::{CellId, Quadrant};
-use crate::geodesy::{OrientedBox, SEMI_MAJOR_M};
+use crate::geodesy::{GeoBounds, OrientedBox, SEMI_MAJOR_M};
 use glam::DVec3;
 
 /// How many levels below a missing page of the front finer pages may stand in for it.
@@ -51,6 +51,8 @@ impl Piece {
 struct Region<'a> {
     cell: CellId,
     node: Option<Node<'a>>,
+    /// The segment that begins here, where it is not resident.
+    absent: Option<SegmentRef>,
     /// Lowest and highest drawn height, metres.
     heights_m: (f64, f64),
     /// Distance of the cell above. A cell lies in its own box and in all those above it, whose axes differ; the
@@ -96,7 +98,8 @@ pub fn walk<'b>(
 ) -> Vec<Piece> {
     let mut walk = Walk { cells, sight, purpose, visit_region, stats, pieces: Vec::new(), chains: Default::default() };
     for root in index.trees().map(|tree| tree.root()) {
-        let region = Region { cell: root.cell(), node: Some(root), heights_m: root.height_range_m(), above_m: 0.0 };
+        let (cell, heights_m) = (root.cell(), root.height_range_m());
+        let region = Region { cell, node: Some(root), absent: None, heights_m, above_m: 0.0 };
         walk.visit(region, Layers::default(), None);
     }
     walk.pieces.sort_by_key(|piece| piece.cell);
@@ -128,7 +131,7 @@ pub fn step_terrain(layer: &mut Layer, node: &Node<'_>, cells: &LiveTree, px_per
     let offer = Offer {
         rep: layer.terrain_rep(node),
         resident: cells.has_terrain(node.cell()),
-        finer: node.children().any(|child| child.terrain().is_some()),
+        finer: is_finer(node, |child| child.terrain().is_some()),
     };
     layer.step(&offer, px_per_m, sight.tolerance);
 }
@@ -150,6 +153,9 @@ impl<'a> Walk<'a, '_> {
         }
         let distance_m = around.distance_m(self.sight.eye).max(region.above_m);
         let px_per_m = self.sight.view.projected_px(1.0, distance_m);
+        if standing.is_none() {
+            self.show_segment(&region, &layers, &bounds, px_per_m);
+        }
         let children = self.step(&region, &mut layers, px_per_m);
         let settled = layers.terrain.is_settled() && layers.imagery.is_settled();
         if settled && standing.is_none() {
@@ -174,8 +180,9 @@ impl<'a> Walk<'a, '_> {
         for quadrant in Quadrant::ALL {
             if let Some(cell) = region.cell.child(quadrant) {
                 let node = children[quadrant as usize];
+                let absent = region.node.and_then(|node| node.absent_child(quadrant));
                 let heights_m = node.map_or(region.heights_m, |node| node.height_range_m());
-                self.visit(Region { cell, node, heights_m, above_m: distance_m }, layers, standing);
+                self.visit(Region { cell, node, absent, heights_m, above_m: distance_m }, layers, standing);
             }
         }
         self.merge(first, here);
@@ -195,20 +202,22 @@ impl<'a> Walk<'a, '_> {
         // A layer has pages from the root down without gaps: a chain's length is the level it has reached.
         self.chains.iter_mut().for_each(|chain| chain.truncate(region.cell.level().into()));
         let Some(node) = region.node else {
-            layers.terrain.settle();
-            layers.imagery.settle();
+            let end = if region.absent.is_some() { Layer::cut_off } else { Layer::settle };
+            end(&mut layers.terrain);
+            end(&mut layers.imagery);
             return [None; 4];
         };
+        let may_be_finer = node.absent_children().next().is_some();
         let children = Quadrant::ALL.map(|quadrant| if node.has_children() { node.child(quadrant) } else { None });
         let terrain = Offer {
             rep: layers.terrain.terrain_rep(&node),
             resident: self.cells.has_terrain(region.cell),
-            finer: children.iter().flatten().any(|child| child.terrain().is_some()),
+            finer: may_be_finer || children.iter().flatten().any(|child| child.terrain().is_some()),
         };
         let imagery = Offer {
             rep: layers.imagery.imagery_rep(&node),
             resident: self.cells.has_imagery(region.cell),
-            finer: children.iter().flatten().any(|child| child.imagery().is_some()),
+            finer: may_be_finer || children.iter().flatten().any(|child| child.imagery().is_some()),
         };
         self.chains[0].extend(terrain.rep);
         self.chains[1].extend(imagery.rep);
@@ -226,6 +235,17 @@ impl<'a> Walk<'a, '_> {
             self.pieces.truncate(first);
             self.pieces.push(here);
         }
+    }
+
+    /// Shows the segment that begins at a cell in view, if it comes and goes.
+    fn show_segment(&mut self, region: &Region<'_>, layers: &Layers, bounds: &GeoBounds, px_per_m: f64) {
+        let paged = region.node.and_then(|node| node.paged_segment());
+        let Some(segment) = paged.or(region.absent) else { return };
+        let side_px = bounds.height_rad() * SEMI_MAJOR_M * px_per_m;
+        let drawn_px = |layer: &Layer| layer.drawn().map_or(side_px, |rep| rep.error_m * px_per_m);
+        let absent_px = drawn_px(&layers.terrain).max(drawn_px(&layers.imagery));
+        let share = self.sight.screen_share(bounds, region.heights_m.0);
+        SeenSegment { segment, resident: paged.is_some(), share, absent_px, open: false }.show(self.visit_region);
     }
 
     /// Shows both layers of a region of the front.
@@ -263,6 +283,7 @@ impl<'a> Walk<'a, '_> {
                 front: usize::from(front.cell.level()),
                 best: usize::from(best.cell.level()),
                 drawn: layer.drawn().map(|drawn| usize::from(drawn.cell.level())),
+                open: layer.is_open(),
             });
         }
     }

@@ -59,10 +59,15 @@ pub fn under_eye(index: &IndexForest, cells: &LiveTree, sight: &Sight<'_>, deman
         px_per_m = sight.view.projected_px(1.0, distance_m);
         if !layer.front_is_settled() {
             demands.ground(&node);
+            node.paged_segment().into_iter().for_each(|segment| demands.ground_segment(segment, false));
         }
         step_terrain(&mut layer, &node, cells, px_per_m, sight);
         if layer.front_is_settled() && layer.front_is_drawn() {
             break;
+        }
+        if !layer.front_is_settled() {
+            let absent = node.absent_children().find(|segment| segment.root.contains(finest));
+            absent.into_iter().for_each(|segment| demands.ground_segment(segment, true));
         }
         next = finest
             .ancestor(node.cell().level() + 1)

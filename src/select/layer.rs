@@ -40,8 +40,13 @@ pub struct Offer {
     pub rep: Option<Rep>,
     pub resident: bool,
     /// Whether a child has a page of the layer. Pages of a layer exist from the root down without gaps, so that no
-    /// deeper look is needed.
+    /// deeper look is needed. A child in an absent segment may have one.
     pub finer: bool,
+}
+
+/// Whether a node's children have pages of a layer, or may have them, as far as the index is resident.
+pub fn is_finer(node: &Node<'_>, has_page: impl Fn(&Node<'_>) -> bool) -> bool {
+    node.children().any(|child| has_page(&child)) || node.absent_children().next().is_some()
 }
 
 /// How far down to go.
@@ -72,6 +77,8 @@ pub struct Layer {
     drawn: Option<Rep>,
     /// The page of the cell above, resident or not.
     above: Option<Rep>,
+    /// The index ends here before the layer does.
+    open: bool,
 }
 
 impl Layer {
@@ -90,6 +97,17 @@ impl Layer {
     pub fn settle(&mut self) {
         self.front.settled = true;
         self.best.settled = true;
+    }
+
+    /// What exists here is in a segment that is not resident.
+    pub fn cut_off(&mut self) {
+        self.open = !self.best.settled;
+        self.settle();
+    }
+
+    /// Whether finer pages may exist that the index does not tell of.
+    pub fn is_open(&self) -> bool {
+        self.open
     }
 
     pub fn is_settled(&self) -> bool {

@@ -171,14 +171,16 @@ pub fn select_raised(
     let mut measures = [(); LAYERS].map(|()| LayerMeasure::default());
     let mut measure = |region: &FrontRegion<'_>| {
         let excess_px = region.excess_px(region.drawn_px, params.tolerance_px);
-        measures[layer_of(region.kind)].add(region.share, region.drawn_px, excess_px);
+        if let Some(layer) = region.layer() {
+            measures[layer].add(region.share, region.drawn_px, excess_px);
+        }
         demands.region(region, params.tolerance_px);
     };
     let purpose = Purpose::Draw(params.out_of_view);
     let pieces = front::walk(index, cells, &sight, purpose, &mut measure, &mut stats);
     let objects = objects::walk(index, cells, &sight, params, purpose, &mut measure, &mut stats);
     let skirts_m = skirts::depths_m(&pieces, press.as_ref());
-    stats.terrain_excess_max_px = measures[layer_of(PageKind::Terrain)].excess_max_px();
+    stats.terrain_excess_max_px = measures[TERRAIN_LAYER].excess_max_px();
     measure::summarize(&measures, &mut stats);
     stats.pages_missing = u32::try_from(demands.missing()).unwrap_or(u32::MAX);
     let pieces = front::draw(pieces, &skirts_m, cells);
@@ -187,7 +189,8 @@ pub fn select_raised(
 }
 
 /// Shows what a view wants of each part of the ground, without choosing what to draw: the regions of the front, terrain
-/// and imagery of a region one after the other, then the pages of objects.
+/// and imagery of a region one after the other, then the pages of objects. Segments of the index that the view needs
+/// come in between, those that stay left out.
 pub fn survey(
     index: &IndexForest,
     cells: &LiveTree,
@@ -215,12 +218,17 @@ pub fn ground_demands(index: &IndexForest, cells: &LiveTree, view: &View, params
 /// Layers that lie over one another, each measured for itself.
 pub const LAYERS: usize = 3;
 
-/// A page's place among [`LAYERS`].
-pub fn layer_of(kind: PageKind) -> usize {
+const TERRAIN_LAYER: usize = 0;
+const IMAGERY_LAYER: usize = 1;
+const OBJECTS_LAYER: usize = 2;
+
+/// A page's place among [`LAYERS`]; segments of the index have none.
+pub fn layer_of(kind: PageKind) -> Option<usize> {
     match kind {
-        PageKind::Terrain => 0,
-        PageKind::Imagery => 1,
-        PageKind::Objects { .. } => 2,
+        PageKind::Terrain => Some(TERRAIN_LAYER),
+        PageKind::Imagery => Some(IMAGERY_LAYER),
+        PageKind::Objects { .. } => Some(OBJECTS_LAYER),
+        PageKind::Segment => None,
     }
 }
 

@@ -5,12 +5,12 @@
 
 use super::front::Purpose;
 use super::layer::Rep;
-use super::region::{FrontRegion, VisitRegion};
+use super::region::{FrontRegion, SeenSegment, VisitRegion};
 use super::sight::Sight;
 use super::{DrawObjects, ObjectsMode, SelectParams, SelectStats};
 use crate::cells::LiveTree;
 use crate::content::{CellObjects, ObjectPage, PageKind};
-use crate::forest::index::{IndexForest, Node, ObjectsEntry};
+use crate::forest::index::{IndexForest, Node, ObjectsEntry, SegmentRef};
 use crate::geodesy::{GeoBounds, OrientedBox, SEMI_MAJOR_M};
 use glam::DVec3;
 use std::f64::consts::{FRAC_PI_4, SQRT_2};
@@ -83,11 +83,39 @@ impl Walk<'_, '_> {
             return;
         }
         let place = Place { node, bounds, around, distance_m };
+        if let Some(segment) = node.paged_segment() {
+            self.segment(&place, segment, true);
+        }
         for entry in node.objects().filter(|entry| entry.rep == 0) {
             self.page(&place, &entry);
         }
         for child in node.children() {
             self.visit(&child);
+        }
+        for segment in node.absent_children() {
+            self.absent(&place, segment);
+        }
+    }
+
+    /// Objects in a segment that is not resident: no larger than the node above tells, and somewhere in its cell.
+    fn absent(&mut self, above: &Place<'_, '_>, segment: SegmentRef) {
+        let bounds = segment.root.bounds();
+        let (low_m, high_m) = above.node.height_range_m();
+        let mut around = OrientedBox::around(&bounds, low_m, high_m);
+        around.half_m += DVec3::splat(above.node.reach_m().min(DIMENSION_MAX_M) / 2.0);
+        if self.sight.sees(&around) {
+            let distance_m = around.distance_m(self.sight.eye);
+            self.segment(&Place { node: above.node, bounds, around, distance_m }, segment, false);
+        }
+    }
+
+    /// A segment whose objects may be above the threshold drawn.
+    fn segment(&mut self, place: &Place<'_, '_>, segment: SegmentRef, resident: bool) {
+        let dimension_m = place.node.dimension_m().min(DIMENSION_MAX_M);
+        if self.is_above_threshold(dimension_m, place.distance_m) {
+            let share = self.sight.screen_share(&place.bounds, place.node.height_range_m().0);
+            let absent_px = self.sight.view.projected_px(dimension_m, place.distance_m);
+            SeenSegment { segment, resident, share, absent_px, open: !resident }.show(self.visit_region);
         }
     }
 
@@ -116,6 +144,7 @@ impl Walk<'_, '_> {
             front: usize::from(!wanted),
             best: 0,
             drawn: resident.map(|_| 0),
+            open: false,
         });
         if let Some(page) = resident
             && self.purpose != Purpose::Survey

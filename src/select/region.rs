@@ -4,8 +4,10 @@
 use super::layer::Rep;
 use crate::content::PageKind;
 use crate::forest::CellId;
+use crate::forest::index::SegmentRef;
 
-/// One layer of a region of the front: a cell at the finer of what its layers want, or the cell of a page of objects.
+/// One layer of a region of the front: a cell at the finer of what its layers want, or the cell of a page of objects;
+/// or a segment of the index that the view needs, as if it were a page whose arrival cures all.
 #[derive(Clone, Copy, Debug)]
 pub struct FrontRegion<'a> {
     pub kind: PageKind,
@@ -25,15 +27,27 @@ pub struct FrontRegion<'a> {
     pub front: usize,
     pub best: usize,
     pub drawn: Option<usize>,
+    /// Finer pages may exist that the index does not tell of, as their segment is not resident: the best error is not
+    /// known, and counts as none.
+    pub open: bool,
 }
 
 /// Takes the regions of a view, one after the other.
 pub type VisitRegion<'v> = dyn FnMut(&FrontRegion<'_>) + 'v;
 
 impl FrontRegion<'_> {
+    /// The layer in whose debt it counts. A segment counts where it stands for the objects in it; what lacks of terrain
+    /// and imagery for want of a segment is in the regions of those.
+    pub fn layer(&self) -> Option<usize> {
+        if self.kind == PageKind::Segment && self.open {
+            return Some(super::OBJECTS_LAYER);
+        }
+        super::layer_of(self.kind)
+    }
+
     /// Error of the settled front, px.
     pub fn best_px(&self) -> f64 {
-        self.error_px(Some(self.best))
+        if self.open { 0.0 } else { self.error_px(Some(self.best)) }
     }
 
     /// Error once the page at that place of the chain is drawn; of `None`, where nothing is. Px.
@@ -46,5 +60,36 @@ impl FrontRegion<'_> {
         let excess_px = (error_px - tolerance_px.max(self.best_px())).max(0.0);
         // Rounding of the same error at the same distance is no excess.
         if excess_px <= 1e-9 * error_px { 0.0 } else { excess_px }
+    }
+}
+
+/// A segment that a view needs.
+#[derive(Clone, Copy, Debug)]
+pub struct SeenSegment {
+    pub segment: SegmentRef,
+    pub resident: bool,
+    pub share: f64,
+    /// Error without it, px; with it everything below could be drawn.
+    pub absent_px: f64,
+    /// Whether debt counts it, for the objects in it.
+    pub open: bool,
+}
+
+impl SeenSegment {
+    pub fn show(&self, visit_region: &mut VisitRegion<'_>) {
+        let (cell, place) = (self.segment.root, self.segment.place);
+        visit_region(&FrontRegion {
+            kind: PageKind::Segment,
+            cell,
+            share: self.share,
+            chain: &[Rep { cell, place, error_m: 0.0, parent_error_m: 0.0 }],
+            px_per_m: 0.0,
+            absent_px: self.absent_px,
+            drawn_px: if self.resident { 0.0 } else { self.absent_px },
+            front: 0,
+            best: 0,
+            drawn: self.resident.then_some(0),
+            open: self.open,
+        });
     }
 }

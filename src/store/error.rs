@@ -93,6 +93,7 @@ impl fmt::Display for PageName {
             PageKind::Objects { collection, rep } => {
                 write!(f, "objects page (collection {collection}, rep {rep}) of cell {cell}")
             }
+            PageKind::Segment => write!(f, "index segment of cell {cell}"),
         }
     }
 }

@@ -30,6 +30,8 @@ fn kind_bytes(kind: PageKind) -> [u8; 3] {
         PageKind::Terrain => [0, 0, 0],
         PageKind::Imagery => [1, 0, 0],
         PageKind::Objects { collection, rep } => [2, collection, rep],
+        // Segments lie in index files, without a frame; the number is kept from other kinds, and nothing reads it.
+        PageKind::Segment => [3, 0, 0],
     }
 }
 

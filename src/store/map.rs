@@ -1,6 +1,7 @@
 //! Files mapped into memory; the only place with `unsafe`.
 
 use super::StoreError;
+use crate::forest::index::SharedBytes;
 use memmap2::Mmap;
 use std::fs::File;
 use std::path::Path;
@@ -8,7 +9,7 @@ use std::sync::Arc;
 
 /// Maps a file that nothing changes while it is open.
 #[expect(unsafe_code, reason = "a map is undefined when its file is cut short by another program meanwhile")]
-pub(super) fn map(path: &Path) -> Result<Arc<dyn AsRef<[u8]> + Send + Sync>, StoreError> {
+pub(super) fn map(path: &Path) -> Result<SharedBytes, StoreError> {
     let io = |error| StoreError::io(path, error);
     let file = File::open(path).map_err(io)?;
     // SAFETY: worlds are never changed in place: the writer makes a new directory and renames it, so that the mapped

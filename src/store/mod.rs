@@ -35,13 +35,13 @@ pub use terrain::{HEIGHT_STEP_MIN_M, decode_terrain, encode_terrain, height_step
 pub use verify::{Problem, Verified};
 pub use views::{HOME_HEIGHT_M, NamedView, VIEW_HEIGHT_M, VIEW_NAME_MAX, bookmarks};
 pub use whole::write_whole;
-pub use world::{MANIFEST_FILE, World};
+pub use world::{INDEX_RESIDENT_MAX_BYTES, MANIFEST_FILE, World};
 pub use writer::{Existing, MemoryWriter, WorldWriter};
 
 use crate::content::{Page, PageId, PageKind};
 use std::sync::Arc;
 
-/// Decodes a page of any kind and checks that it is the one asked for.
+/// Decodes a page of a pack and checks that it is the one asked for.
 pub fn decode_page(id: PageId, bytes: &[u8]) -> Result<Page, PageFault> {
     let framed = frame::open(bytes)?;
     if framed.id != id {
@@ -54,6 +54,8 @@ pub fn decode_page(id: PageId, bytes: &[u8]) -> Result<Page, PageFault> {
             let (page, mesh) = decode_objects(bytes)?;
             Page::Objects(Arc::new(page), Arc::new(mesh))
         }
+        // Segments are no pages of packs, and nothing that is framed says it is one.
+        PageKind::Segment => return Err(PageFault::WrongPage),
     })
 }
 

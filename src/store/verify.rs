@@ -5,7 +5,7 @@ use super::world::World;
 use super::writer::{Layer, layer};
 use crate::content::{ObjectPage, Page, PageId, PageKind, TerrainPage};
 use crate::forest::Zone;
-use crate::forest::index::{IndexTree, Node, Place};
+use crate::forest::index::{IndexForest, IndexTree, Node, Place};
 use rayon::prelude::*;
 
 /// Pages that are looked at between two calls of the progress function; bounds what is in memory.
@@ -41,7 +41,14 @@ impl World {
     pub fn verify(&self, progress: &mut dyn FnMut(u64, u64)) -> Verified {
         let mut result = Verified::default();
         let mut tasks = Vec::new();
-        for tree in self.index().trees() {
+        let index = match self.whole_index() {
+            Ok(index) => index,
+            Err(error) => {
+                result.add("index", error);
+                return result;
+            }
+        };
+        for tree in index.trees() {
             let mut places = Vec::new();
             for node in tree.nodes() {
                 result.nodes += 1;
@@ -51,13 +58,13 @@ impl World {
             self.check_coverage(tree.zone(), &places, &mut result);
             tasks.extend(places);
         }
-        self.check_manifest(&mut result);
+        self.check_manifest(&index, &mut result);
         result.pages = tasks.len() as u64;
         result.bytes = tasks.iter().map(|(_, place)| u64::from(place.len)).sum();
         let mut done = 0;
         for batch in tasks.chunks(BATCH) {
             let found: Vec<Problem> =
-                batch.par_iter().flat_map_iter(|&(page, place)| self.check_page(page, place)).collect();
+                batch.par_iter().flat_map_iter(|&(page, place)| self.check_page(&index, page, place)).collect();
             result.problems.extend(found);
             done += batch.len() as u64;
             progress(done, result.pages);
@@ -65,16 +72,16 @@ impl World {
         result
     }
 
-    fn check_page(&self, id: PageId, place: Place) -> Vec<Problem> {
+    fn check_page(&self, index: &IndexForest, id: PageId, place: Place) -> Vec<Problem> {
         let page = match self.load(id, place) {
             Ok(page) => page,
             Err(error) => return vec![Problem { place: id.cell.to_string(), what: error.to_string() }],
         };
         let mut result = Verified::default();
-        let Some(node) = self.index().find(id.cell) else { return Vec::new() };
+        let Some(node) = index.find(id.cell) else { return Vec::new() };
         match page {
             Page::Terrain(page) => check_terrain(&node, &page, &mut result),
-            Page::Imagery(_) => {}
+            Page::Imagery(_) | Page::Segment(_) => {}
             Page::Objects(page, _) => {
                 check_objects(&node, &page, &mut result);
                 self.check_attributes(id, place, page.objects.len(), &mut result);
@@ -84,7 +91,7 @@ impl World {
     }
 
     fn check_attributes(&self, id: PageId, place: Place, objects: usize, result: &mut Verified) {
-        match self.read(id, place).and_then(|bytes| self.attributes(id, &bytes)) {
+        match self.read(id, place).and_then(|bytes| self.attributes(id, place, &bytes)) {
             Err(error) => result.add(id.cell, error),
             Ok(texts) if !texts.is_empty() && texts.len() != objects => {
                 result.add(id.cell, format!("{} attributes for {objects} objects", texts.len()));
@@ -116,9 +123,9 @@ impl World {
         }
     }
 
-    fn check_manifest(&self, result: &mut Verified) {
+    fn check_manifest(&self, index: &IndexForest, result: &mut Verified) {
         let manifest = self.manifest();
-        let trees: Vec<IndexTree> = self.index().trees().cloned().collect();
+        let trees: Vec<IndexTree> = index.trees().cloned().collect();
         let layers = [
             ("terrain", &manifest.terrain, layer(&trees, Layer::Terrain)),
             ("imagery", &manifest.imagery, layer(&trees, Layer::Imagery)),
@@ -128,7 +135,7 @@ impl World {
                 result.add("world.json", format!("pages and bytes of {name} are not those of the index"));
             }
         }
-        let bytes: u64 = self.index().trees().filter_map(|tree| self.source().pack_len(tree.zone()).ok()).sum();
+        let bytes: u64 = index.trees().filter_map(|tree| self.source().pack_len(tree.zone()).ok()).sum();
         if bytes != manifest.pack_bytes {
             result.add("world.json", format!("it tells {} bytes of packs, there are {bytes}", manifest.pack_bytes));
         }

@@ -1,7 +1,7 @@
 //! Named views of a world, and what a viewer offers to fly to.
 
 use super::{CollectionInfo, Manifest};
-use crate::forest::index::{IndexForest, IndexTree};
+use crate::forest::index::{IndexForest, IndexTree, Node};
 use crate::forest::{CellId, LEVEL_MAX};
 use crate::geodesy::{Ecef, Enu, GeoBounds, Geodetic, Point};
 use glam::DVec3;
@@ -86,7 +86,7 @@ const HOME_ANYWHERE_DEG: [f64; 2] = [30.0, 10.0];
 /// Mean length of the directions to several places below which they have no middle: 60 degrees apart from it.
 const MIDDLE_MIN: f64 = 0.5;
 /// Nodes of an index that are looked through for the finest data; larger worlds open with [`HOME_ANYWHERE_DEG`].
-const FINEST_NODES_MAX: usize = 1 << 20;
+const FINEST_NODES_MAX: u64 = 1 << 20;
 /// Distance from which a ball is seen whole, in its radii: 60 degrees across.
 const DISTANCE_IN_RADII: f64 = 2.0;
 /// A single kiosk is not looked at from nearer than twice this, metres.
@@ -132,8 +132,7 @@ fn middle(directions: &[DVec3]) -> Option<Geodetic> {
 
 /// Directions to the cells of the finest level that holds data.
 fn finest(index: &IndexForest) -> Vec<DVec3> {
-    let nodes: usize = index.trees().flat_map(IndexTree::segments).map(|segment| segment.nodes().len()).sum();
-    if nodes > FINEST_NODES_MAX {
+    if index.node_count() > FINEST_NODES_MAX || !index.is_whole() {
         return Vec::new();
     }
     let cells = || {
@@ -159,10 +158,13 @@ fn extents<'a>(
 }
 
 /// Bounds of more than half the Earth's width may be those of a collection on both sides of the antimeridian; where its
-/// pages lie tells. A collection all round the Earth keeps its bounds.
+/// pages lie tells; where the index is not whole, cells with objects in absent segments count as pages of it. A
+/// collection all round the Earth keeps its bounds.
 fn across_antimeridian(bounds: GeoBounds, number: usize, index: &IndexForest) -> GeoBounds {
     let nodes = index.trees().flat_map(IndexTree::nodes);
-    let pages = nodes.filter(|node| node.objects().any(|entry| usize::from(entry.collection) == number));
+    let may_hold = |node: &Node<'_>| node.dimension_m() > 0.0 && node.absent_children().next().is_some();
+    let has_page = |node: &Node<'_>| node.objects().any(|entry| usize::from(entry.collection) == number);
+    let pages = nodes.filter(|node| has_page(node) || may_hold(node));
     let (mut west_rad, mut east_rad) = (f64::INFINITY, f64::NEG_INFINITY);
     for page in pages {
         let lon_rad = page.cell().bounds().center().lon_rad.rem_euclid(TAU);

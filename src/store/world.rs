@@ -1,13 +1,13 @@
 //! A prepared world, open for reading.
 
 use super::error::StoreError;
-use super::index::{self, IndexFault};
+use super::index::{self, Extent};
 use super::manifest::Manifest;
-use super::pack::{LocalPacks, MemoryPacks, PageSource, index_path};
-use super::{PageFault, PrismPage, decode_attributes, decode_page, decode_prisms, frame, map};
+use super::pack::{LocalPacks, MemoryPacks, PageSource};
+use super::{PageFault, PrismPage, decode_attributes, decode_page, decode_prisms, frame};
 use crate::content::{Page, PageId, PageKind};
-use crate::forest::Zone;
-use crate::forest::index::{IndexForest, IndexTree, Place};
+use crate::forest::index::{IndexForest, IndexTree, Place, Segment};
+use crate::forest::{CellId, Zone};
 use rayon::prelude::*;
 use std::fs;
 use std::io;
@@ -16,7 +16,13 @@ use std::path::{Path, PathBuf};
 /// The name of the manifest in a world's directory.
 pub const MANIFEST_FILE: &str = "world.json";
 
-/// A world: manifest and index in memory, pages where their source has them. Readable from any thread at once.
+/// Worlds whose index files have no more bytes than this together are opened with all of their index in memory; of
+/// larger ones only directories and top segments are, and the rest is paged. As much as 130,000 cells: a country at the
+/// resolution of streets, or a few cities.
+pub const INDEX_RESIDENT_MAX_BYTES: u64 = 4 << 20;
+
+/// A world: manifest and index in memory, pages where their source has them; of a large index no more than the top, the
+/// rest being pages too. Readable from any thread at once.
 pub struct World {
     name: PathBuf,
     manifest: Manifest,
@@ -25,32 +31,46 @@ pub struct World {
 }
 
 impl World {
-    /// Opens a directory that `stoop-prepare` wrote. Manifest and index are checked, packs as they are read.
+    /// Opens a directory that `stoop-prepare` wrote. Manifest and index are checked, packs as they are read; of an index
+    /// beyond [`INDEX_RESIDENT_MAX_BYTES`] its directories and top segments, the other segments as they are read.
     pub fn open(dir: &Path) -> Result<Self, StoreError> {
+        Self::open_paged(dir, INDEX_RESIDENT_MAX_BYTES)
+    }
+
+    /// The same with all of the index in memory (by memory map), whatever its size: for walks that must see everything.
+    pub fn open_whole(dir: &Path) -> Result<Self, StoreError> {
+        Self::open_paged(dir, u64::MAX)
+    }
+
+    /// The same with another limit than [`INDEX_RESIDENT_MAX_BYTES`].
+    pub fn open_paged(dir: &Path, resident_max_bytes: u64) -> Result<Self, StoreError> {
         let manifest_file = dir.join(MANIFEST_FILE);
         let text = fs::read(&manifest_file).map_err(|error| match error.kind() {
             io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => StoreError::NotAWorld(dir.to_owned()),
             _ => StoreError::io(&manifest_file, error),
         })?;
         let manifest = Manifest::parse(&text, &manifest_file)?;
-        let open = |&zone: &u8| {
-            let zone = Zone::new(zone).ok_or_else(|| StoreError::Manifest {
-                file: manifest_file.clone(),
-                cause: format!("{zone} is no zone"),
-            })?;
-            open_index(&index_path(dir, zone), zone)
-        };
-        let trees: Vec<IndexTree> = manifest.zones.par_iter().map(open).collect::<Result<_, _>>()?;
-        let mut index = IndexForest::default();
-        trees.into_iter().for_each(|tree| index.insert(tree));
-        Ok(Self { name: dir.to_owned(), manifest, index, source: Box::new(LocalPacks::new(dir)) })
+        let zones = zones(&manifest).map_err(|zone| StoreError::Manifest {
+            file: manifest_file.clone(),
+            cause: format!("{zone} is no zone"),
+        })?;
+        let source: Box<dyn PageSource> = Box::new(LocalPacks::new(dir));
+        let index = open_index(&*source, &zones, resident_max_bytes)?;
+        Ok(Self { name: dir.to_owned(), manifest, index, source })
     }
 
-    /// A world of trees and of packs by zone (headers included), all in memory; see [`super::MemoryWriter`].
-    pub(super) fn from_memory(manifest: Manifest, trees: Vec<IndexTree>, packs: Vec<Vec<u8>>) -> Self {
+    /// A world of trees and of files by zone (headers included), all in memory; see [`super::MemoryWriter`].
+    pub(super) fn from_memory(manifest: Manifest, trees: Vec<IndexTree>, files: MemoryPacks) -> Self {
         let mut index = IndexForest::default();
         trees.into_iter().for_each(|tree| index.insert(tree));
-        Self { name: "memory".into(), manifest, index, source: Box::new(MemoryPacks(packs)) }
+        Self { name: "memory".into(), manifest, index, source: Box::new(files) }
+    }
+
+    /// The same world with its index opened anew: whole, if its files have no more bytes than this, else its top.
+    pub fn paged(self, resident_max_bytes: u64) -> Result<Self, StoreError> {
+        let zones: Vec<Zone> = self.index.trees().map(IndexTree::zone).collect();
+        let index = open_index(&*self.source, &zones, resident_max_bytes)?;
+        Ok(Self { index, ..self })
     }
 
     /// The same world read from elsewhere, for instance through a slow or a faulty source.
@@ -67,16 +87,29 @@ impl World {
         &self.manifest
     }
 
+    /// As it was opened: segments that are read later become part of whoever's clone they are inserted into.
     pub fn index(&self) -> &IndexForest {
         &self.index
+    }
+
+    /// The whole index; what is not in memory is read.
+    pub fn whole_index(&self) -> Result<IndexForest, StoreError> {
+        if self.index.is_whole() {
+            return Ok(self.index.clone());
+        }
+        let zones: Vec<Zone> = self.index.trees().map(IndexTree::zone).collect();
+        open_index(&*self.source, &zones, u64::MAX)
     }
 
     pub(super) fn source(&self) -> &dyn PageSource {
         &*self.source
     }
 
-    /// Where a page lies; `None` when the world has no such page.
+    /// Where a page lies; `None` when the world has no such page, or its node is not in memory.
     pub fn place(&self, page: PageId) -> Option<Place> {
+        if page.kind == PageKind::Segment {
+            return self.index.segment(page.cell).map(|segment| segment.place);
+        }
         let node = self.index.find(page.cell)?;
         match page.kind {
             PageKind::Terrain => Some(node.terrain()?.place),
@@ -84,49 +117,72 @@ impl World {
             PageKind::Objects { collection, rep } => {
                 node.objects().find(|entry| entry.collection == collection && entry.rep == rep).map(|entry| entry.place)
             }
+            PageKind::Segment => None,
         }
     }
 
-    /// The stored bytes of a page: one read, unchecked; [`World::decode`] checks them.
+    /// The stored bytes of a page: one read, unchecked; [`World::decode`] checks them. Segments lie in the index files.
     pub fn read(&self, page: PageId, place: Place) -> Result<Vec<u8>, StoreError> {
-        self.source.read(page.cell.zone(), place)
+        match page.kind {
+            PageKind::Segment => self.source.read_index(page.cell.zone(), place),
+            _ => self.source.read(page.cell.zone(), place),
+        }
     }
 
-    /// Checks and decodes the bytes of a page.
-    pub fn decode(&self, page: PageId, bytes: &[u8]) -> Result<Page, StoreError> {
-        decode_page(page, bytes).map_err(|fault| self.page_error(page, fault))
+    /// Checks and decodes the bytes of a page that was read from `place`.
+    pub fn decode(&self, page: PageId, place: Place, bytes: &[u8]) -> Result<Page, StoreError> {
+        if page.kind == PageKind::Segment {
+            return Ok(Page::Segment(self.decode_segment(page.cell, bytes)?));
+        }
+        decode_page(page, bytes).map_err(|fault| self.page_error(page, place, fault))
+    }
+
+    fn decode_segment(&self, root: CellId, bytes: &[u8]) -> Result<Segment, StoreError> {
+        let zone = root.zone();
+        let tree = self.index.tree(zone).ok_or_else(|| StoreError::Index {
+            file: self.source.index_name(zone),
+            cause: format!("the world has nothing in the zone of cell {root}"),
+        })?;
+        index::decode(&*self.source, tree, root, bytes)
     }
 
     /// Reads and decodes.
     pub fn load(&self, page: PageId, place: Place) -> Result<Page, StoreError> {
-        self.decode(page, &self.read(page, place)?)
+        self.decode(page, place, &self.read(page, place)?)
     }
 
     /// The prisms of a page of objects as stored.
-    pub fn prisms(&self, page: PageId, bytes: &[u8]) -> Result<PrismPage, StoreError> {
-        decode_prisms(bytes).map_err(|fault| self.page_error(page, fault))
+    pub fn prisms(&self, page: PageId, place: Place, bytes: &[u8]) -> Result<PrismPage, StoreError> {
+        decode_prisms(bytes).map_err(|fault| self.page_error(page, place, fault))
     }
 
     /// The attributes of a page's objects, as JSON texts in the order of the decoded page; none when the collection
     /// has none.
-    pub fn attributes(&self, page: PageId, bytes: &[u8]) -> Result<Vec<String>, StoreError> {
-        decode_attributes(bytes).map_err(|fault| self.page_error(page, fault))
+    pub fn attributes(&self, page: PageId, place: Place, bytes: &[u8]) -> Result<Vec<String>, StoreError> {
+        decode_attributes(bytes).map_err(|fault| self.page_error(page, place, fault))
     }
 
-    pub(super) fn page_error(&self, page: PageId, fault: PageFault) -> StoreError {
+    fn page_error(&self, page: PageId, place: Place, fault: PageFault) -> StoreError {
         let file = self.source.pack_name(page.cell.zone());
         if let PageFault::FutureVersion(found) = fault {
             return StoreError::FutureVersion { file, found: u32::from(found), supported: u32::from(frame::VERSION) };
         }
-        StoreError::Page { file, page, offset: self.place(page).map_or(0, |place| place.offset), fault }
+        StoreError::Page { file, page, offset: place.offset, fault }
     }
 }
 
-fn open_index(path: &Path, zone: Zone) -> Result<IndexTree, StoreError> {
-    index::read(zone, map::map(path)?).map_err(|fault| match fault {
-        IndexFault::FutureVersion(found) => {
-            StoreError::FutureVersion { file: path.to_owned(), found, supported: index::VERSION }
-        }
-        IndexFault::Other(cause) => StoreError::Index { file: path.to_owned(), cause },
-    })
+/// The zones that a manifest names; the first number that is none.
+fn zones(manifest: &Manifest) -> Result<Vec<Zone>, u8> {
+    manifest.zones.iter().map(|&zone| Zone::new(zone).ok_or(zone)).collect()
+}
+
+fn open_index(source: &dyn PageSource, zones: &[Zone], resident_max_bytes: u64) -> Result<IndexForest, StoreError> {
+    let lens: Vec<u64> = zones.iter().map(|&zone| source.index_len(zone)).collect::<Result<_, _>>()?;
+    let all_bytes = lens.into_iter().fold(0, u64::saturating_add);
+    let extent = if all_bytes <= resident_max_bytes { Extent::Whole } else { Extent::Top };
+    let open = |&zone: &Zone| index::open(source, zone, extent);
+    let trees: Vec<IndexTree> = zones.par_iter().map(open).collect::<Result<_, _>>()?;
+    let mut index = IndexForest::default();
+    trees.into_iter().for_each(|tree| index.insert(tree));
+    Ok(index)
 }

@@ -3,7 +3,7 @@
 use super::error::StoreError;
 use super::index;
 use super::manifest::{LayerInfo, Manifest};
-use super::pack::{self, index_path, pack_path};
+use super::pack::{self, MemoryPacks, index_path, pack_path};
 use super::world::{MANIFEST_FILE, World};
 use crate::forest::Zone;
 use crate::forest::index::{IndexTree, Place};
@@ -74,6 +74,10 @@ impl WorldWriter {
     /// bytes are set here.
     pub fn finish(mut self, mut manifest: Manifest, trees: &[IndexTree]) -> Result<(), StoreError> {
         for tree in trees {
+            if let Some(absent) = tree.absent_segments().next() {
+                let cause = format!("only a part of it is in memory: segment {} is missing", absent.root);
+                return Err(StoreError::Index { file: index_path(&self.dir, tree.zone()), cause });
+            }
             // A zone without pages still has a pack.
             if !self.packs.contains_key(&tree.zone()) {
                 let pack = PackWriter::create(pack_path(&self.partial, tree.zone()), tree.zone())?;
@@ -239,15 +243,17 @@ impl MemoryWriter {
 
     pub fn finish(mut self, mut manifest: Manifest, trees: Vec<IndexTree>) -> World {
         self.packs.resize(Zone::COUNT, Vec::new());
+        let mut indexes = vec![Vec::new(); Zone::COUNT];
         for tree in &trees {
             let pack = &mut self.packs[tree.zone().index()];
             if pack.is_empty() {
                 *pack = pack::header(tree.zone());
             }
+            indexes[tree.zone().index()] = index::write(tree);
         }
-        let index_bytes = trees.iter().map(|tree| index::write(tree).len() as u64).sum();
+        let index_bytes = indexes.iter().map(|index| index.len() as u64).sum();
         let pack_bytes = self.packs.iter().map(|pack| pack.len() as u64).sum();
         describe(&mut manifest, &trees, index_bytes, pack_bytes);
-        World::from_memory(manifest, trees, self.packs)
+        World::from_memory(manifest, trees, MemoryPacks { packs: self.packs, indexes })
     }
 }

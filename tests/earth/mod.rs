@@ -172,6 +172,7 @@ pub fn write(folder: &Path) {
                 let page = PrismPage { root: page.cell, collection, rep, error_m: 0.1, prisms: houses() };
                 encode_objects(&page, &[]).unwrap()
             }
+            PageKind::Segment => panic!("a page of a pack"),
         };
         writer.append(page.cell.zone(), &bytes).unwrap()
     });
@@ -197,6 +198,7 @@ impl PageReader for Formulas {
                 let (objects, mesh) = ObjectPage::from_prisms(page.cell, 0, 0, 0.1, houses());
                 Page::Objects(Arc::new(objects), Arc::new(mesh))
             }
+            PageKind::Segment => return Err(ReadError::Broken("the index is all there".into())),
         })
     }
 }

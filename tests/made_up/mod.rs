@@ -169,6 +169,7 @@ pub fn page(id: PageId) -> Page {
         PageKind::Terrain => terrain_page(id.cell, 10.0, 12.0),
         PageKind::Imagery => Page::Imagery(Arc::new(ImageryPage { cell: id.cell, mips: Vec::new() })),
         PageKind::Objects { .. } => object_page(id.cell, id.cell.level() + 2, 9),
+        PageKind::Segment => panic!("the index is all there"),
     }
 }
 

@@ -37,7 +37,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let world = World::open(&arguments.world)?;
+    let world = World::open_whole(&arguments.world)?;
     match &arguments.against {
         None => verify(&world, arguments.json),
         Some(recipe) => against(&world, recipe, &arguments),

@@ -45,7 +45,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let world = World::open(&arguments.world)?;
+    let world = World::open_whole(&arguments.world)?;
     if let Some(name) = &arguments.collection {
         let count = write_collection(&world, name, arguments.rep, &arguments.out)?;
         cli::sayln!("{count} features written to {}", arguments.out.display());
@@ -82,8 +82,8 @@ fn write_collection(world: &World, name: &str, rep: u8, out: &Path) -> anyhow::R
             }
             let id = PageId { cell: root, kind: PageKind::Objects { collection: entry.collection, rep } };
             let bytes = world.read(id, entry.place)?;
-            let attributes = world.attributes(id, &bytes)?;
-            for (prism, text) in world.prisms(id, &bytes)?.prisms.iter().zip(&attributes) {
+            let attributes = world.attributes(id, entry.place, &bytes)?;
+            for (prism, text) in world.prisms(id, entry.place, &bytes)?.prisms.iter().zip(&attributes) {
                 let separator = if count == 0 { "\n" } else { ",\n" };
                 write!(file, "{separator}{}", feature(prism, text))?;
                 count += 1;

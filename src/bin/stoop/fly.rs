@@ -2,6 +2,7 @@
 
 mod outputs;
 mod schedule;
+mod virtual_clock;
 
 use crate::cli::{self, NotYet, WrongUsage};
 use anyhow::Context;
@@ -13,10 +14,11 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
 use stoop::camera::{FlightPath, View};
-use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode};
+use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode, Source};
 use stoop::paging::{PlannerParams, PolicyName, PolicyParams};
 use stoop::record::{FlightHeader, FlightLog};
 use stoop::select::ObjectsMode;
+use stoop::storage::{Faults, StorageModel};
 use stoop::units::ByteSize;
 
 const DETAILS: &str = "\
@@ -36,9 +38,19 @@ Files:
 The flight is JSON: {\"fovy_deg\": 60, \"hz\": 60, \"columns\": [\"t_s\", \"lon_deg\", \"lat_deg\", \"height_m\", \"heading_deg\",
 \"pitch_deg\"], \"samples\": [[0, -84.4, 33.7, 1e7, 0, -90], ...]}; heights are metres above the WGS84 ellipsoid.
 
+Faults (--faults), each optional, commas between them, drawn by --seed; seconds count from the first frame:
+  errors=SHARE      so many of the reads fail, 0 to 1; another attempt may succeed
+  corrupt=SHARE     so many of the pages are stored wrong for good, 0 to 1
+  spike_ms=MS       so late are some requests, 0 to 600000
+  spikes=SHARE      how many of them, 0 to 1 [default: 0.01 with spike_ms]
+  die_s=S           the server dies then, and reads fail after 2 s
+  revive_s=S        and is there again then [default: never]
+  halve_s=S         from then on the bandwidth is half
+
 Examples:
   stoop fly WORLD --path dive.json --frames pictures --at-secs 0,12,18 --report report.json
   stoop fly WORLD --path dive.json --live --size 1280x720 --footprint 512MiB --report live.json
+  stoop fly WORLD --path dive.json --live --storage wan --faults errors=0.01,spike_ms=2000 --seed 7 --report wan.json
   stoop fly WORLD --path dive.json --settled --tolerance-px 0.25 --frames reference --every-secs 1";
 
 const PARAMS_EXAMPLE: &str = r#"{"foresight": {"reach_s": 2}}"#;
@@ -72,9 +84,9 @@ pub struct Arguments {
     /// Wait in every frame until nothing is left to load
     #[arg(long, group = "mode")]
     settled: bool,
-    /// A virtual clock and a storage model: hdd, ssd, lan, wan or mobile (not in this version)
+    /// Follow a virtual clock over a storage model: hdd, ssd, lan, wan, mobile, or LATENCY_MS,MB_PER_S,PARALLEL
     #[arg(long = "virtual", value_name = "STORAGE", group = "mode")]
-    virtual_storage: Option<String>,
+    virtual_storage: Option<StorageModel>,
     /// Seconds from frame to frame [default: 1/hz of the flight; not with --live]
     #[arg(long, value_name = "S", value_parser = cli::positive, conflicts_with = "live")]
     step_secs: Option<f64>,
@@ -91,16 +103,17 @@ pub struct Arguments {
     /// Load intermediate levels too, each page after its parent
     #[arg(long)]
     no_level_skip: bool,
-    /// Read on demand and wait (not in this version)
-    #[arg(long)]
+    /// Each frame reads what it lacks and waits for it: the baseline to compare with; with --live or --virtual
+    #[arg(long, conflicts_with = "settled")]
     sync_reads: bool,
-    /// Throttle live runs to a storage model (not in this version)
+    /// With --live, hold reads back to a storage model: hdd, ssd, lan, wan, mobile, or milliseconds from request to
+    /// first byte, MB (10^6 bytes) a second, and requests served at once
     #[arg(long, value_name = "NAME|LATENCY_MS,MB_PER_S,PARALLEL")]
-    storage: Option<String>,
-    /// Make reads fail (not in this version)
-    #[arg(long, value_name = "SPEC")]
-    faults: Option<String>,
-    /// Seed of --faults and of random policies (no effect in this version)
+    storage: Option<StorageModel>,
+    /// Make reads go wrong: with --virtual, or with --live over --storage or over the disk as it is; see below
+    #[arg(long, value_name = "KEY=VALUE,...")]
+    faults: Option<Faults>,
+    /// Seed of --faults: whom they hit
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Allowed screen-space error, pixels of the given size
@@ -145,13 +158,7 @@ pub struct Arguments {
 impl Arguments {
     /// Flags that this version knows by name only must not be passed over in silence.
     fn refuse_later_parts(&self) -> anyhow::Result<()> {
-        let later = [
-            (self.virtual_storage.is_some(), "--virtual", "fly in lock-step, with --settled or with --live"),
-            (self.layout.is_some(), "--layout", "leave it away; the packs are read"),
-            (self.sync_reads, "--sync-reads", "use --settled, which waits in every frame"),
-            (self.storage.is_some(), "--storage", "leave it away; the disk is read as fast as it goes"),
-            (self.faults.is_some(), "--faults", "leave it away"),
-        ];
+        let later = [(self.layout.is_some(), "--layout", "leave it away; the packs are read")];
         for (used, flag, instead) in later {
             if used {
                 return Err(NotYet::new(flag, instead).into());
@@ -167,6 +174,14 @@ impl Arguments {
                 "--at-secs and --every-secs choose pictures: name a folder by --frames or --aov".into(),
             )
             .into());
+        }
+        if !self.live && self.storage.is_some() {
+            return Err(
+                WrongUsage("--storage is for the real clock: add --live, or name it by --virtual".into()).into()
+            );
+        }
+        if !self.live && self.virtual_storage.is_none() && self.faults.is_some() {
+            return Err(WrongUsage("--faults needs a clock: add --live or --virtual STORAGE".into()).into());
         }
         if self.threshold_px.len() > 2 {
             return Err(WrongUsage("--threshold-px takes one number or two".into()).into());
@@ -214,6 +229,9 @@ impl Arguments {
             frame_ms: self.frame_ms,
             mode: self.mode(),
             planner: self.planner()?,
+            storage: self.storage,
+            faults: self.faults.unwrap_or(Faults::NONE),
+            seed: self.seed,
         })
     }
 
@@ -233,11 +251,14 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let path = FlightPath::load(&arguments.path)?;
     let opened = Instant::now();
     let source = cli::open(&arguments.world)?;
+    if let Some(storage) = arguments.virtual_storage {
+        return virtual_clock::fly(&arguments, path, source, storage);
+    }
     let engine = Engine::new(source, arguments.params()?)?;
     let step_s = arguments.step_secs.unwrap_or(1.0 / path.hz());
     let mut flight = Flight {
         outputs: Outputs::create(&arguments, step_s)?,
-        log: FlightLog::new(header(&arguments, &path, &engine)),
+        log: FlightLog::new(header(&arguments, &path, engine.source(), engine.mode().name())),
         progress: Progress::new(path.end_s()),
         audit_every: arguments.audit_every(),
         size_px: arguments.size.0,
@@ -253,11 +274,11 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     flight.finish(arguments.report.as_deref())
 }
 
-fn header(arguments: &Arguments, path: &FlightPath, engine: &Engine) -> FlightHeader {
-    let ground = GroundProbe::new(engine.source());
+fn header(arguments: &Arguments, path: &FlightPath, source: &Source, mode: &str) -> FlightHeader {
+    let ground = GroundProbe::new(source);
     FlightHeader {
-        world: engine.source().manifest.name.clone(),
-        mode: engine.mode().name().to_owned(),
+        world: source.manifest.name.clone(),
+        mode: mode.to_owned(),
         policy: arguments.policy.to_string(),
         size_px: arguments.size.0,
         tolerance_px: arguments.tolerance_px,

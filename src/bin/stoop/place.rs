@@ -91,11 +91,11 @@ pub fn objects_at(world: &World, place: Geodetic) -> anyhow::Result<Vec<Standing
     for_each_objects_page(world, &|node| may_reach(node, place), &mut |root, entry| {
         let id = PageId { cell: root, kind: PageKind::Objects { collection: entry.collection, rep: entry.rep } };
         let bytes = world.read(id, entry.place)?;
-        let prisms = world.prisms(id, &bytes)?.prisms;
+        let prisms = world.prisms(id, entry.place, &bytes)?.prisms;
         let mut attributes = None;
         for (at, prism) in prisms.iter().enumerate().filter(|(_, prism)| covers(prism, place)) {
             if attributes.is_none() {
-                attributes = Some(world.attributes(id, &bytes)?);
+                attributes = Some(world.attributes(id, entry.place, &bytes)?);
             }
             let text = attributes.as_ref().and_then(|all| all.get(at)).map_or("{}", String::as_str);
             let name = world.manifest().collections.get(usize::from(entry.collection));

@@ -58,7 +58,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         (None, Some(lon_deg), Some(lat_deg)) => vec![[lon_deg, lat_deg]],
         _ => return Err(cli::WrongUsage("name a place: --lon-deg X --lat-deg Y, or --points FILE.csv".into()).into()),
     };
-    let world = World::open(&arguments.world)?;
+    let world = World::open_whole(&arguments.world)?;
     let probed = places.iter().map(|&place| probe(&world, place)).collect::<anyhow::Result<Vec<_>>>()?;
     if arguments.json {
         cli::sayln!("{}", serde_json::to_string_pretty(&probed)?);

@@ -34,6 +34,8 @@ pub struct LayerCounts {
     pub terrain: PageCounts,
     pub imagery: PageCounts,
     pub objects: PageCounts,
+    /// Segments of the index.
+    pub index: PageCounts,
 }
 
 impl LayerCounts {
@@ -42,12 +44,13 @@ impl LayerCounts {
             PageKind::Terrain => &mut self.terrain,
             PageKind::Imagery => &mut self.imagery,
             PageKind::Objects { .. } => &mut self.objects,
+            PageKind::Segment => &mut self.index,
         }
     }
 
     /// With their names.
-    pub fn layers(&self) -> [(&'static str, PageCounts); 3] {
-        [("terrain", self.terrain), ("imagery", self.imagery), ("objects", self.objects)]
+    pub fn layers(&self) -> [(&'static str, PageCounts); 4] {
+        [("terrain", self.terrain), ("imagery", self.imagery), ("objects", self.objects), ("index", self.index)]
     }
 
     /// Over all layers.

@@ -1,17 +1,18 @@
 //! Pages that lie together in a pack are read as one range: one seek, or one request, for all of them.
 
 use super::Limits;
-use crate::content::PageId;
+use crate::content::{PageFile, PageId};
 use crate::forest::Zone;
 use crate::forest::index::Place;
 use crate::select::Demand;
 
-/// One contiguous range of a file, and the pages in it.
+/// One contiguous range of a zone's file, and the pages in it.
 #[derive(Clone, Debug, PartialEq)]
 pub struct RangeRead {
     /// Counted from 0 by the request manager.
     pub id: u64,
     pub zone: Zone,
+    pub file: PageFile,
     pub offset: u64,
     /// With the unwanted bytes between the pages.
     pub len: u32,
@@ -25,13 +26,20 @@ impl RangeRead {
         let pages: Vec<(PageId, Place)> = run.iter().map(|demand| (demand.page, demand.place)).collect();
         let offset = pages.first().map_or(0, |page| page.1.offset);
         let end = pages.last().map_or(0, |page| end(page.1));
-        let zone = run[0].page.cell.zone();
-        Self { id, zone, offset, len: (end - offset) as u32, pages }
+        let first = run[0].page;
+        Self { id, zone: first.cell.zone(), file: first.kind.file(), offset, len: (end - offset) as u32, pages }
+    }
+
+    /// A number for the file that the range lies in: packs of the zones, then their indexes.
+    pub fn file_number(&self) -> u32 {
+        let first = if self.file == PageFile::Index { Zone::COUNT } else { 0 };
+        (first + self.zone.index()) as u32
     }
 
     /// A single page.
     pub fn of_page(id: u64, page: PageId, place: Place) -> Self {
-        Self { id, zone: page.cell.zone(), offset: place.offset, len: place.len, pages: vec![(page, place)] }
+        let (zone, file) = (page.cell.zone(), page.kind.file());
+        Self { id, zone, file, offset: place.offset, len: place.len, pages: vec![(page, place)] }
     }
 }
 
@@ -40,8 +48,18 @@ fn end(place: Place) -> u64 {
 }
 
 /// Which file a page lies in, then where; pages at the same place are apart all the same.
-fn position(demand: &Demand) -> (Zone, u64, PageId) {
-    (demand.page.cell.zone(), demand.place.offset, demand.page)
+fn position(demand: &Demand) -> ((Zone, PageFile), u64, PageId) {
+    ((demand.page.cell.zone(), demand.page.kind.file()), demand.place.offset, demand.page)
+}
+
+/// What is due waits for what is read before it: that is no more than a run's length divided by this.
+const LEAD_SHARE: u32 = 4;
+/// A page of a lesser class goes along with one that is due where it promises at least this share of its gain.
+const ALONG_SHARE: f64 = 0.125;
+
+/// Whether a neighbour is worth the time that what is due elsewhere waits for it.
+fn keeps_up(neighbour: &Demand, due: &Demand) -> bool {
+    neighbour.urgency >= due.urgency || neighbour.gain >= ALONG_SHARE * due.gain
 }
 
 /// Demands that may be started, in the order in which they lie.
@@ -78,8 +96,10 @@ impl Waiting {
             let Some((next, gap)) = nearer.filter(|(_, gap)| *gap <= u64::from(limits.gap_bytes)) else { break };
             let (low, high) = (first.min(next), last.max(next));
             let len = end(self.demands[high].place) - self.demands[low].place.offset;
+            let before = demand.place.offset - self.demands[low].place.offset;
             let Demand { page, place, .. } = self.demands[next];
-            if len > u64::from(limits.run_bytes) || !fits(page, place) {
+            let is_short = len <= u64::from(limits.run_bytes) && before <= u64::from(limits.run_bytes / LEAD_SHARE);
+            if !is_short || !keeps_up(&self.demands[next], demand) || !fits(page, place) {
                 break;
             }
             debug_assert!(gap <= len);

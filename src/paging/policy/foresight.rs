@@ -10,6 +10,9 @@
 //! taken by what the next one takes off per byte, the bytes of a page shared by the regions under it. Where all that is
 //! missing comes at once, they would be read in vain, and the front is asked for directly.
 //!
+//! Visible is what the present front draws, and the next page of each region of the view at the end of the lead time;
+//! all else is predicted, and gives way to it.
+//!
 //! `oracle` is the same with the path told beforehand, and looks further.
 
 use super::{Policy, Situation};
@@ -19,7 +22,6 @@ use crate::forest::index::Place;
 use crate::select::{Demand, FrontRegion, LAYERS, Urgency, layer_of, survey};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
-use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Parameters of [`Foresight`].
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -33,8 +35,6 @@ pub struct ForesightParams {
     pub trust_s: f64,
     /// Factor on the uncertainty by which they are wider; 0 takes them as certain.
     pub widen: f64,
-    /// Weight of views to the sides and back, against turns that nothing foretells; 0 leaves them out.
-    pub aside: f64,
     /// Whether coarser pages may come first where the storage is behind.
     pub steps: bool,
     /// What is missing and comes within this time is asked for directly, seconds.
@@ -52,7 +52,6 @@ impl Default for ForesightParams {
             reach_s: 1.5,
             trust_s: 1.0,
             widen: 1.0,
-            aside: 0.02,
             steps: true,
             direct_s: 0.05,
             per_byte: true,
@@ -71,10 +70,12 @@ impl ForesightParams {
 
     /// With the path known there is no doubt, and a longer way to see.
     pub fn oracle() -> Self {
-        Self { views: 9, reach_s: 8.0, trust_s: 4.0, widen: 0.0, aside: 0.0, ..Self::default() }
+        Self { views: 9, reach_s: 8.0, trust_s: 4.0, widen: 0.0, ..Self::default() }
     }
 }
 
+/// What a segment of the index counts for each view that needs it, px·s: above all pages.
+const SEGMENT_GAIN: f64 = 1e12;
 /// Views foretold at most.
 const VIEWS_MAX: u32 = 64;
 /// What a page counts that is held and would not be missed: it is the last to be asked for, and the first to go.
@@ -96,8 +97,8 @@ struct Prospect {
     served: f64,
     /// Expected fall of debt, px·s.
     gain: f64,
-    /// Whether a view at the end of the lead time wants it.
-    is_due: bool,
+    /// Whether a region of the view at the end of the lead time wants it next.
+    is_next: bool,
 }
 
 /// A layer of a region of a foretold view.
@@ -151,12 +152,6 @@ impl Foresight {
             let view = situation.forecast.at(situation.lead_s + after_s, self.params.widen).view;
             views.push((view, stands_s * trust));
         }
-        let first = situation.forecast.pose(situation.lead_s);
-        if self.params.aside > 0.0 && !sure && first.pitch_rad.cos() > 0.3 {
-            let turned = [FRAC_PI_2, -FRAC_PI_2, PI];
-            let turned = turned.map(|by_rad| (situation.forecast.turned(situation.lead_s, by_rad), self.params.aside));
-            views.extend(turned);
-        }
         views
     }
 
@@ -170,7 +165,9 @@ impl Foresight {
 
     fn make_plan(&self, situation: &Situation<'_>) -> Vec<Demand> {
         let mut outlook = self.outlook(situation);
-        let direct = !self.params.steps || outlook.missing_secs(situation) <= self.params.direct_s;
+        // Where memory lacks, nothing is read but what stays.
+        let lacks = situation.frame.drawn_tolerance_px > situation.frame.params.tolerance_px;
+        let direct = !self.params.steps || lacks || outlook.missing_secs(situation) <= self.params.direct_s;
         outlook.choose(direct);
         let mut plan: Vec<Demand> = outlook
             .pages
@@ -179,7 +176,7 @@ impl Foresight {
             .map(|(&page, prospect)| Demand {
                 page,
                 place: prospect.place,
-                urgency: if prospect.is_due { Urgency::Visible } else { Urgency::Predicted },
+                urgency: if prospect.is_next { Urgency::Visible } else { Urgency::Predicted },
                 gain: if self.params.per_byte {
                     prospect.gain / f64::from(prospect.place.len.max(1))
                 } else {
@@ -213,8 +210,13 @@ impl Outlook {
         let first = self.wishes.len();
         let mut shares = [0.0; LAYERS];
         survey(frame.index, frame.cells, view, frame.params, frame.drawn_tolerance_px, |region| {
-            shares[layer_of(region.kind)] += region.share;
-            self.add_region(situation, region, is_due);
+            match layer_of(region.kind) {
+                Some(layer) => {
+                    shares[layer] += region.share;
+                    self.add_region(situation, region, layer, is_due);
+                }
+                None => self.add_segment(region, is_due),
+            }
         });
         // As debt does, each layer's shares count against their sum.
         for wish in &mut self.wishes[first..] {
@@ -227,7 +229,16 @@ impl Outlook {
         }
     }
 
-    fn add_region(&mut self, situation: &Situation<'_>, region: &FrontRegion<'_>, is_due: bool) {
+    /// A segment of the index comes before all that it tells of.
+    fn add_segment(&mut self, region: &FrontRegion<'_>, is_due: bool) {
+        for rep in region.chain {
+            let page = PageId { cell: rep.cell, kind: region.kind };
+            self.page(page, rep.place);
+            self.promise(page, SEGMENT_GAIN, is_due);
+        }
+    }
+
+    fn add_region(&mut self, situation: &Situation<'_>, region: &FrontRegion<'_>, layer: usize, is_due: bool) {
         let (manager, asked_px) = (situation.frame.manager, situation.frame.params.tolerance_px);
         let page_at = |at: usize| region.chain.get(at).map(|rep| PageId { cell: rep.cell, kind: region.kind });
         let held = |at: usize| page_at(at).is_some_and(|page| manager.is_held(page));
@@ -254,8 +265,10 @@ impl Outlook {
         let mut left_px = now_px;
         for at in finest.map_or(0, |at| at + 1)..=last {
             let after_px = excess_px(Some(at));
+            // What the front wants comes at last even where it lowers no bound.
+            let is_front = is_due && at == last;
             if let (Some(page), Some(rep)) = (page_at(at), region.chain.get(at))
-                && after_px < left_px
+                && (after_px < left_px || is_front)
             {
                 left_px = after_px;
                 self.page(page, rep.place);
@@ -263,12 +276,12 @@ impl Outlook {
             }
         }
         let steps = from..self.steps.len();
-        let (layer, weight) = (layer_of(region.kind), region.share);
+        let weight = region.share;
         self.wishes.push(Wish { layer, weight, excess_px: now_px, is_due, keeps, steps });
     }
 
     fn page(&mut self, page: PageId, place: Place) {
-        self.pages.entry(page).or_insert(Prospect { place, served: 0.0, gain: 0.0, is_due: false });
+        self.pages.entry(page).or_insert(Prospect { place, served: 0.0, gain: 0.0, is_next: false });
     }
 
     /// How long all that is missing at the end of the lead time would take.
@@ -292,23 +305,24 @@ impl Outlook {
             let (weight, is_due, steps) = (wish.weight, wish.is_due, wish.steps.clone());
             let mut left_px = wish.excess_px;
             if let Some((page, keeps_px)) = wish.keeps {
-                self.promise(page, weight * keeps_px, is_due);
+                self.promise(page, weight * keeps_px, false);
             }
             let mut next = steps.start;
             while next < steps.end {
                 let chosen = if direct { steps.end - 1 } else { self.best_step(next..steps.end, left_px) };
                 let (page, after_px) = self.steps[chosen];
-                self.promise(page, weight * (left_px - after_px), is_due);
+                let is_next = is_due && next == steps.start;
+                self.promise(page, weight * (left_px - after_px).max(KEEP_MIN_PX), is_next);
                 left_px = after_px;
                 next = chosen + 1;
             }
         }
     }
 
-    fn promise(&mut self, page: PageId, gain: f64, is_due: bool) {
+    fn promise(&mut self, page: PageId, gain: f64, is_next: bool) {
         if let Some(prospect) = self.pages.get_mut(&page) {
             prospect.gain += gain;
-            prospect.is_due |= is_due;
+            prospect.is_next |= is_next;
         }
     }
 

@@ -100,7 +100,7 @@ fn footprint(ui: &mut Ui, shown: &Shown<'_>) {
 fn page_lines(shown: &Shown<'_>) -> Rows {
     let layers = shown.pages.layers().map(|(_, pages)| pages);
     let mut rows = Rows(LayoutJob::default());
-    rows.row("pages", &format!("{:>8}{:>8}{:>8}", "terrain", "imagery", "objects"), look::WEAK);
+    rows.row("pages", &format!("{:>8}{:>8}{:>8}{:>8}", "terrain", "imagery", "objects", "index"), look::WEAK);
     let mut state = |name: &str, of: fn(&PageCounts) -> u64, color| {
         let counts = layers.each_ref().map(of);
         let value: String = counts.iter().map(|&pages| format!("{:>8}", words::count(pages))).collect();

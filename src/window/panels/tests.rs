@@ -62,7 +62,12 @@ impl World {
             gpu_ms: Some(3.1),
             asked: Quality::default(),
             footprint_least: ByteSize(48 << 20),
-            pages: LayerCounts { terrain: pages(120, 4), imagery: pages(131, 8), objects: pages(8, 0) },
+            pages: LayerCounts {
+                terrain: pages(120, 4),
+                imagery: pages(131, 8),
+                objects: pages(8, 0),
+                index: pages(0, 0),
+            },
             awaited_s: Some(1.84),
             bytes_read: 124 << 20,
             world: "default",
@@ -460,7 +465,7 @@ fn no_value_makes_the_panels_fail() {
             shown.asked = Quality { tolerance_px: wild, footprint: size, frame_ms: Some(wild) };
             (shown.footprint_least, shown.bytes_read) = (size, size.0);
             let pages = PageCounts { resident: size.0, requested: size.0, failed: size.0, missing: size.0 };
-            shown.pages = LayerCounts { terrain: pages, imagery: pages, objects: pages };
+            shown.pages = LayerCounts { terrain: pages, imagery: pages, objects: pages, index: pages };
             shown.playback = Playback::Replaying { at_s: wild, of_s: wild };
             for side in [Side::Settings, Side::Help] {
                 let mut window = Window::new(size_px, scale, all_open(side));

@@ -1,7 +1,7 @@
 //! What was read and whether it was ever drawn.
 
 use crate::content::{PageId, PageKind};
-use crate::select::Selection;
+use crate::select::{Selection, Urgency};
 use std::collections::HashMap;
 
 /// Follows every read until it is drawn or dropped.
@@ -9,6 +9,7 @@ use std::collections::HashMap;
 pub struct Usage {
     resident: HashMap<PageId, Read>,
     wasted_bytes: u64,
+    drawn_bytes: u64,
 }
 
 #[derive(Debug)]
@@ -38,11 +39,22 @@ impl Usage {
     }
 
     pub fn drawn(&mut self, selection: &Selection) {
-        for page in drawn_pages(selection) {
-            if let Some(read) = self.resident.get_mut(&page) {
+        // A segment is of use where the view's own walk, not only a prediction, passed through it.
+        let demands = selection.demands.iter().filter(|demand| demand.urgency > Urgency::Predicted);
+        let segments = demands.map(|demand| demand.page).filter(|page| page.kind == PageKind::Segment);
+        for page in drawn_pages(selection).chain(segments) {
+            if let Some(read) = self.resident.get_mut(&page)
+                && !read.drawn
+            {
                 read.drawn = true;
+                self.drawn_bytes += read.bytes;
             }
         }
+    }
+
+    /// Bytes of reads that were drawn at least once, so far.
+    pub fn drawn_bytes(&self) -> u64 {
+        self.drawn_bytes
     }
 
     /// Bytes read and never drawn, were the flight to end now.
