@@ -153,12 +153,12 @@ impl Layer {
 }
 
 /// The page that a node has in a layer of the ground, with its error there: `error_m` of terrain, the size of a texel of
-/// imagery; metres. `None` for objects.
+/// imagery; metres. `None` for what is no ground.
 pub fn ground_page(node: &Node<'_>, kind: PageKind) -> Option<(Place, f64)> {
     match kind {
         PageKind::Terrain => node.terrain().map(|entry| (entry.place, f64::from(entry.error_m))),
         PageKind::Imagery => node.imagery().map(|place| (place, texel_m(node.cell()))),
-        PageKind::Objects { .. } => None,
+        PageKind::Objects { .. } | PageKind::Segment => None,
     }
 }
 

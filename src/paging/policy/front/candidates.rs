@@ -7,7 +7,7 @@ use super::priority::Scale;
 use crate::camera::{Frustum, View};
 use crate::content::{PageId, PageKind};
 use crate::forest::CellId;
-use crate::forest::index::{Node, Place};
+use crate::forest::index::{Node, Place, SegmentRef};
 use crate::geodesy::{HorizonCone, OrientedBox};
 use crate::select::{Demand, FrontRegion, SelectParams, ground_page, survey};
 use std::collections::{BTreeMap, HashMap, HashSet, VecDeque};
@@ -91,12 +91,16 @@ impl<'a> Candidates<'a, '_> {
     }
 
     fn add_front(&mut self, page: PageId, front: &FrontPage) {
+        if page.kind == PageKind::Segment {
+            self.add(page, front.place, 0.0);
+            return;
+        }
         let Some(sighting) = self.wide.sighting(self.situation, page.cell) else { return };
-        let is_ground = !matches!(page.kind, PageKind::Objects { .. });
+        let is_object = matches!(page.kind, PageKind::Objects { .. });
         // The ground of the wider front is due as soon as it is in view; so are objects that pass the threshold.
-        let error_px = if is_ground { 1.0 } else { front.share.min(1.0) } * self.scale.tolerance_px;
+        let error_px = if is_object { front.share.min(1.0) } else { 1.0 } * self.scale.tolerance_px;
         self.add(page, front.place, self.scale.distance(error_px, sighting.theta_rad));
-        if is_ground && self.levels > 0 {
+        if !is_object && self.levels > 0 {
             self.to_classify.push_back((page, 0));
         }
     }
@@ -131,12 +135,21 @@ impl<'a> Candidates<'a, '_> {
 
     /// CHD: needed when the rep's error passes the tolerance.
     fn add_children(&mut self, page: PageId, of: &Sighting<'a>, distance: f64, levels: u32) {
+        for segment in of.node.absent_children() {
+            self.add_segment(segment);
+        }
         for node in of.node.children() {
+            node.paged_segment().into_iter().for_each(|segment| self.add_segment(segment));
             let Some((place, _)) = ground_page(&node, page.kind) else { continue };
             if self.wide.sight(node).is_in_view {
                 self.add_next(PageId { cell: node.cell(), ..page }, place, distance, levels);
             }
         }
+    }
+
+    /// What children are in.
+    fn add_segment(&mut self, segment: SegmentRef) {
+        self.add(PageId { cell: segment.root, kind: PageKind::Segment }, segment.place, 0.0);
     }
 
     /// PAR: needed when the parent's own error falls to the tolerance.

@@ -4,7 +4,7 @@ use super::super::Situation;
 use super::RangeParams;
 use super::directions::Direction;
 use super::observer::{Eye, ObserverCell};
-use crate::content::PageId;
+use crate::content::{PageId, PageKind};
 use crate::forest::index::{IndexForest, Place};
 use crate::select::{FrontRegion, SelectParams, survey};
 use std::cmp::Reverse;
@@ -12,8 +12,8 @@ use std::collections::BTreeMap;
 
 /// Pages remembered at most, over all surveys.
 const PAGES_MAX: usize = 1 << 16;
-/// A survey is made again after this time, seconds: parts of the index come and go.
-const RENEW_S: f64 = 2.0;
+/// A survey that segments of the index were missing for is made again after this time, seconds.
+const RENEW_S: f64 = 0.1;
 /// Coarser levels at most.
 const COARSER_MAX: u32 = 8;
 /// Tolerances raised for lack of memory or time count in steps of this factor, so that surveys keep.
@@ -41,6 +41,8 @@ struct Lens {
 struct Survey {
     wants: Vec<Want>,
     made_s: f64,
+    /// Whether all segments of the index that it needs were there.
+    is_whole: bool,
     /// The plan that looked at it last.
     used: u64,
 }
@@ -76,11 +78,11 @@ impl Surveys {
     ) -> Option<&[Want]> {
         let now_s = situation.frame.now_s;
         let lens = self.lens?;
-        let is_fresh = |known: &Survey| (known.made_s..known.made_s + RENEW_S).contains(&now_s);
+        let is_fresh = |known: &Survey| known.is_whole || (known.made_s..known.made_s + RENEW_S).contains(&now_s);
         if !self.known.get(&at).is_some_and(is_fresh) && self.left > 0 {
             self.left -= 1;
-            let wants = lens.survey(situation, params, eye, at);
-            self.known.insert(at, Survey { wants, made_s: now_s, used: self.plans });
+            let (wants, is_whole) = lens.survey(situation, params, eye, at);
+            self.known.insert(at, Survey { wants, made_s: now_s, is_whole, used: self.plans });
         }
         let known = self.known.get_mut(&at)?;
         known.used = self.plans;
@@ -111,28 +113,33 @@ impl Lens {
         }
     }
 
+    /// What is seen, and whether the index could tell all of it.
     fn survey(
         &self,
         situation: &Situation<'_>,
         params: &RangeParams,
         eye: &Eye,
         (cell, direction): (ObserverCell, Direction),
-    ) -> Vec<Want> {
+    ) -> (Vec<Want>, bool) {
         let frame = &situation.frame;
         let center = cell.place.bounds().center();
         let ground_m = ground_m(frame.index, &cell, eye.ground_m());
         let view = direction.view(center.at_height(ground_m + cell.above_m()), self.fov_y_rad, self.size_px);
         let coarser_levels = params.coarser_levels.min(COARSER_MAX) as usize;
-        let mut wants = Vec::new();
+        let (mut wants, mut is_whole) = (Vec::new(), true);
         survey(frame.index, frame.cells, &view, &self.params, self.tolerance_px, |region: &FrontRegion<'_>| {
+            is_whole &= region.kind != PageKind::Segment || region.drawn.is_some();
             for at in region.front.saturating_sub(coarser_levels)..=region.front {
                 if let Some(rep) = region.chain.get(at) {
                     let page = PageId { cell: rep.cell, kind: region.kind };
-                    wants.push(Want { page, place: rep.place, coarser: (region.front - at) as u32 });
+                    let above_front = (region.front - at) as u32;
+                    // Segments of the index come before all that they tell of.
+                    let coarser = if region.kind == PageKind::Segment { COARSER_MAX + 1 } else { above_front };
+                    wants.push(Want { page, place: rep.place, coarser });
                 }
             }
         });
-        coarse_to_fine(wants)
+        (coarse_to_fine(wants), is_whole)
     }
 }
 
