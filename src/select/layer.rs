@@ -1,6 +1,7 @@
 //! One layer on the way down the tree: what the front wants, what is there to be drawn, what the world has.
 
 use super::sight::Tolerance;
+use crate::content::PageKind;
 use crate::forest::CellId;
 use crate::forest::index::{Node, Place};
 
@@ -143,11 +144,21 @@ impl Layer {
     }
 
     pub fn terrain_rep(&self, node: &Node<'_>) -> Option<Rep> {
-        node.terrain().map(|entry| self.rep_below(node.cell(), entry.place, f64::from(entry.error_m)))
+        ground_page(node, PageKind::Terrain).map(|(place, error_m)| self.rep_below(node.cell(), place, error_m))
     }
 
     pub fn imagery_rep(&self, node: &Node<'_>) -> Option<Rep> {
-        node.imagery().map(|place| self.rep_below(node.cell(), place, texel_m(node.cell())))
+        ground_page(node, PageKind::Imagery).map(|(place, error_m)| self.rep_below(node.cell(), place, error_m))
+    }
+}
+
+/// The page that a node has in a layer of the ground, with its error there: `error_m` of terrain, the size of a texel of
+/// imagery; metres. `None` for what is no ground.
+pub fn ground_page(node: &Node<'_>, kind: PageKind) -> Option<(Place, f64)> {
+    match kind {
+        PageKind::Terrain => node.terrain().map(|entry| (entry.place, f64::from(entry.error_m))),
+        PageKind::Imagery => node.imagery().map(|place| (place, texel_m(node.cell()))),
+        PageKind::Objects { .. } | PageKind::Segment => None,
     }
 }
 

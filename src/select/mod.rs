@@ -23,7 +23,7 @@ use sight::{Sight, Tolerance};
 use std::ops::Range;
 use std::sync::Arc;
 
-pub use layer::Rep;
+pub use layer::{Rep, ground_page};
 pub use region::{FrontRegion, VisitRegion};
 
 /// VGIS's four ways to draw objects (Davis et al. 1999, §V).

@@ -1,11 +1,13 @@
 //! Policies: which pages are asked for, and in which order, over the same machinery. Each file holds one and names its
 //! source.
 
+mod classes;
 mod demand;
 mod foresight;
 mod front;
 mod range;
 mod vgis;
+mod wide;
 
 pub use foresight::ForesightParams;
 pub use front::FrontParams;
