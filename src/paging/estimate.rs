@@ -22,6 +22,10 @@ const TERRAIN_BYTES: u64 = (POSTS * POSTS * size_of::<TerrainPost>()
     + size_of::<TerrainPage>()) as u64
     + PAGE_OVERHEAD_BYTES;
 
+/// The corners and the two triangles between them: what every page has.
+const TERRAIN_LEAST_BYTES: u64 =
+    (size_of::<TerrainPage>() + 4 * size_of::<TerrainPost>() + 2 * size_of::<[u16; 3]>()) as u64;
+
 /// Bytes of a picture with its mips on the GPU.
 pub const PICTURE_GPU_BYTES: u64 = {
     let (mut bytes, mut side) = (0, IMAGERY_STORED_PX as u64);
@@ -46,7 +50,7 @@ pub fn held_bytes(page: &Page) -> u64 {
 /// A lower bound of the same by the index alone: no page is smaller decoded than stored.
 pub fn least_held_bytes(kind: PageKind, place: Place) -> u64 {
     match kind {
-        PageKind::Terrain => size_of::<TerrainPage>() as u64 + u64::from(place.len),
+        PageKind::Terrain => u64::from(place.len).max(TERRAIN_LEAST_BYTES),
         PageKind::Imagery => PICTURE_GPU_BYTES,
         PageKind::Objects { .. } | PageKind::Segment => u64::from(place.len),
     }

@@ -1,6 +1,9 @@
 //! Made-up worlds for tests of selection and paging: an index and pages, no files.
 #![allow(dead_code, reason = "each test binary uses a part")]
 
+pub mod flights;
+pub mod random;
+
 use std::collections::BTreeMap;
 use std::sync::Arc;
 use stoop::camera::{Pose, View};
