@@ -25,6 +25,7 @@ const LIMITS: Limits = Limits {
     footprint_bytes: 64 * MIB,
     in_flight: 3,
     pages_in_flight: 1000,
+    bytes_in_flight: u64::MAX,
     read_bytes_per_update: MIB,
     run_bytes: 0,
     gap_bytes: 0,

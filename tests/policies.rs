@@ -23,6 +23,7 @@ const LIMITS: Limits = Limits {
     footprint_bytes: 2048 * MIB,
     in_flight: 100,
     pages_in_flight: 1000,
+    bytes_in_flight: u64::MAX,
     read_bytes_per_update: 4 * MIB,
     run_bytes: 0,
     gap_bytes: 0,

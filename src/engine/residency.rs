@@ -82,13 +82,19 @@ impl Residency {
     pub fn new(params: &EngineParams, partition: Partition, source: &Source) -> Result<Self, EngineError> {
         let read_bytes_per_update = if params.mode == Mode::LockStep { READ_BYTES_PER_FRAME } else { u64::MAX >> 2 };
         // Of a disk of unknown kind nothing is known.
-        let unknown = ReadLimits { in_flight: IN_FLIGHT_MAX, run_bytes: RUN_BYTES, gap_bytes: GAP_BYTES };
+        let unknown = ReadLimits {
+            in_flight: IN_FLIGHT_MAX,
+            bytes_in_flight: u64::MAX,
+            run_bytes: RUN_BYTES,
+            gap_bytes: GAP_BYTES,
+        };
         let held_back = params.storage.filter(|_| params.mode == Mode::Live);
         let reads = held_back.map_or(unknown, |storage| storage.reads(LIVE_STEP_S));
         let limits = Limits {
             footprint_bytes: partition.pool_bytes(0),
             in_flight: reads.in_flight,
             pages_in_flight: PAGES_IN_FLIGHT_MAX,
+            bytes_in_flight: reads.bytes_in_flight,
             read_bytes_per_update,
             run_bytes: reads.run_bytes,
             gap_bytes: reads.gap_bytes,

@@ -35,6 +35,8 @@ pub struct Limits {
     /// Ranges under way, and pages in them.
     pub in_flight: usize,
     pub pages_in_flight: usize,
+    /// Stored bytes under way: more than the storage can bring meanwhile would only hold up what is urgent.
+    pub bytes_in_flight: u64,
     /// Bytes that one update may start to read.
     pub read_bytes_per_update: u64,
     /// Longest range that is read at once for pages that lie together, bytes; a page longer than this is read alone.
@@ -143,6 +145,7 @@ pub struct RequestManager {
     wanted: HashMap<PageId, Wanted>,
     faults: BTreeMap<PageId, Fault>,
     reserved_bytes: u64,
+    bytes_under_way: u64,
     /// Bytes that may still be read; below 0 after a page larger than an update's share.
     read_credit: i64,
     updates: u64,
@@ -167,6 +170,7 @@ impl RequestManager {
             wanted: HashMap::new(),
             faults: BTreeMap::new(),
             reserved_bytes: 0,
+            bytes_under_way: 0,
             read_credit: 0,
             updates: 0,
             front_bytes: 0,
@@ -368,6 +372,7 @@ impl RequestManager {
         let under_way = UnderWay { place, reserved_bytes, read, started_secs: now_secs, cancelled: false };
         self.under_way.insert(demand.page, under_way);
         self.reserved_bytes += reserved_bytes;
+        self.bytes_under_way += u64::from(place.len);
         self.counts.started += 1;
         let bytes = u64::from(place.len);
         if is_front(demand) {
@@ -378,7 +383,9 @@ impl RequestManager {
     }
 
     fn may_start_more(&self) -> bool {
-        self.reads.len() < self.limits.in_flight && self.under_way.len() < self.limits.pages_in_flight
+        self.reads.len() < self.limits.in_flight
+            && self.under_way.len() < self.limits.pages_in_flight
+            && self.bytes_under_way < self.limits.bytes_in_flight
     }
 
     fn may_start(&self, page: PageId, now_secs: f64) -> bool {
@@ -414,6 +421,7 @@ impl RequestManager {
         // Where nothing was asked for, nothing changes.
         let Some(done) = self.under_way.remove(&event.page) else { return };
         self.reserved_bytes -= done.reserved_bytes;
+        self.bytes_under_way -= u64::from(done.place.len);
         if let Some(left) = self.reads.get_mut(&done.read) {
             *left -= 1;
             if *left == 0 {

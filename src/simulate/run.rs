@@ -68,6 +68,7 @@ impl Setup {
             footprint_bytes: pool_bytes,
             in_flight: reads.in_flight,
             pages_in_flight: PAGES_IN_FLIGHT_MAX,
+            bytes_in_flight: reads.bytes_in_flight,
             read_bytes_per_update: u64::MAX >> 2,
             run_bytes: reads.run_bytes,
             gap_bytes: reads.gap_bytes,

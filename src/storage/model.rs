@@ -62,6 +62,8 @@ impl StorageModel {
 pub struct ReadLimits {
     /// Ranges under way at once.
     pub in_flight: usize,
+    /// Bytes under way at once.
+    pub bytes_in_flight: u64,
     /// Length up to which pages that lie together are read at once, bytes: about what a request's latency costs.
     pub run_bytes: u32,
     /// Unwanted bytes that are read over, since another request costs more.
@@ -83,6 +85,7 @@ impl StorageModel {
         let latency_bytes = self.latency_secs * self.bytes_per_sec;
         ReadLimits {
             in_flight: (self.parallel as f64 * (1.0 + turns)).min(IN_FLIGHT_MAX) as usize,
+            bytes_in_flight: (self.bytes_per_sec * (self.latency_secs + step_s)) as u64,
             run_bytes: (RUN_SHARE * latency_bytes).clamp(*RUN_BYTES.start(), *RUN_BYTES.end()) as u32,
             gap_bytes: (GAP_SHARE * latency_bytes / self.parallel as f64).min(*RUN_BYTES.end()) as u32,
         }
