@@ -289,7 +289,7 @@ fn a_truncated_source_is_named_and_leaves_nothing() {
 
 #[test]
 fn the_recipes_here_are_sound() {
-    for name in ["dive-city20k", "dive-city471", "california"] {
+    for name in ["dive-city20k", "dive-city471", "california", "dive-california-sf"] {
         let path = Path::new(env!("CARGO_MANIFEST_DIR")).join(format!("tests/recipes/{name}.toml"));
         Recipe::read(&path).unwrap();
     }
