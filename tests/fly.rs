@@ -51,7 +51,7 @@ fn the_same_flight_twice_gives_the_same_report_to_the_byte() {
         for clock in ["first_frame_ms", "frame_ms", "cpu_ms", "peak_rss_bytes"] {
             summary.as_object_mut().unwrap().remove(clock);
         }
-        (log.frames_csv(), summary, engine.read_color().unwrap())
+        (log.frames_csv(), summary, engine.picture().read_color().unwrap())
     };
     let (first, second) = (fly_once(), fly_once());
     assert_eq!(first.0, second.0);
@@ -172,7 +172,7 @@ fn ground_above_the_eye_is_pressed_and_counted() {
     let view = stoop::camera::View::new(view.pose, view.fov_y_rad, view.size_px);
     let report = engine.frame(&FrameRequest { view, t_s: 0.0, ids: true }).unwrap();
     assert!(report.ground_pressed);
-    let depth = engine.read_depth().unwrap();
+    let depth = engine.picture().read_depth().unwrap();
     assert!(depth.iter().all(|&metres| metres > 0.2), "the ground must not touch the eye");
 }
 
@@ -184,14 +184,7 @@ fn stoop(arguments: &[&str]) -> (i32, String) {
 
 #[test]
 fn flags_of_later_versions_are_refused_in_one_line() {
-    for flag in [
-        vec!["--virtual", "wan"],
-        vec!["--policy", "foresight"],
-        vec!["--policy-params", "f"],
-        vec!["--layout", "l"],
-        vec!["--no-level-skip"],
-        vec!["--sync-reads"],
-    ] {
+    for flag in [vec!["--layout", "l"]] {
         let (code, said) = stoop(&[&["fly", "world", "--path", "path.json"], &*flag].concat());
         assert_eq!(code, 2, "{flag:?}: {said}");
         assert!(said.contains("not supported by this version") && said.contains(flag[0]), "{flag:?}: {said}");
@@ -205,6 +198,9 @@ fn wrong_usage_is_told_in_one_line() {
         &["fly"][..],
         &["fly", "world", "--path", "f", "--policy", "luck"],
         &["fly", "world", "--path", "f", "--live", "--settled"],
+        &["fly", "world", "--path", "f", "--virtual", "tape"],
+        &["fly", "world", "--path", "f", "--virtual", "ssd", "--live"],
+        &["fly", "world", "--path", "f", "--sync-reads", "--settled"],
         &["fly", "world", "--path", "f", "--at-secs", "1"],
         &["fly", "world", "--path", "f", "--size", "640"],
         &["fly", "world", "--path", "f", "--footprint", "12MB"],
@@ -307,4 +303,79 @@ fn a_shot_is_taken_settled() {
     assert_eq!(image::open(at("shot.png")).unwrap().to_rgb8().dimensions(), (64, 36));
     let (code, said) = stoop(&[&["shot", &at("world"), "--out", &at("no/shot.png")], &place[..]].concat());
     assert!(code == 1 && said.contains("no/shot.png"), "{said}");
+}
+
+/// Flies the world on disk into `folder` below it; gives the pictures' names, sorted, and the report.
+fn fly_into(at: &dyn Fn(&str) -> String, folder: &str, arguments: &[&str]) -> (Vec<String>, serde_json::Value) {
+    let (frames, report) = (at(&format!("{folder}/frames")), at(&format!("{folder}/report.json")));
+    let flight = ["fly", &at("world"), "--path", &at("path.json"), "--size", "96x54"];
+    let outputs = ["--frames", &frames, "--report", &report];
+    let (code, said) = stoop(&[&flight[..], &outputs, arguments].concat());
+    assert_eq!((code, &*said), (0, ""), "{arguments:?}");
+    let entries = std::fs::read_dir(frames).unwrap();
+    let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
+    names.sort();
+    (names, read_json(&report))
+}
+
+fn pixels(file: &str) -> image::RgbaImage {
+    image::open(file).unwrap().to_rgba8()
+}
+
+#[test]
+fn a_virtual_flight_shows_what_its_pages_show() {
+    let (_folder, at) = world_on_disk();
+    let times = ["--at-secs", "0,1.5,3"];
+    let (names, fast) = fly_into(&at, "fast", &[&["--virtual", "ssd"], &times[..]].concat());
+    let (_, slow) = fly_into(&at, "slow", &[&["--virtual", "200,0.02,1"], &times[..]].concat());
+    let (_, settled) = fly_into(&at, "settled", &[&["--settled"], &times[..]].concat());
+    assert_eq!(names, ["t0000.00.png", "t0001.50.png", "t0003.00.png"]);
+    let picture = |folder: &str, name: &str| pixels(&at(&format!("{folder}/frames/{name}")));
+    assert_eq!(picture("fast", "t0003.00.png"), picture("settled", "t0003.00.png"));
+    assert_ne!(picture("slow", "t0003.00.png"), picture("settled", "t0003.00.png"), "coarser pages show");
+    assert!(slow["debt_px"]["mean"].as_f64() > fast["debt_px"]["mean"].as_f64());
+    for report in [&fast, &slow] {
+        assert_eq!((&report["audited_frames"], &report["holes"]), (&report["frames"], &0.into()), "{report}");
+        for measured in ["first_frame_ms", "frame_ms", "cpu_ms", "peak_rss_bytes"] {
+            assert!(report[measured].is_null(), "{measured} is of a machine: {report}");
+        }
+        let keys = |report: &serde_json::Value| report.as_object().unwrap().keys().cloned().collect::<Vec<_>>();
+        assert_eq!(keys(report), keys(&settled));
+        assert!(report["mode"].as_str().unwrap().starts_with("virtual "), "{report}");
+    }
+}
+
+#[test]
+fn a_virtual_flight_leaves_the_same_files_whether_or_not_it_is_drawn() {
+    let (_folder, at) = world_on_disk();
+    let flight = ["fly", &at("world"), "--path", &at("path.json"), "--size", "96x54", "--virtual", "wan"];
+    let fly = |folder: &str, outputs: &[&str]| {
+        let report = at(&format!("{folder}/report.json"));
+        let (code, said) = stoop(&[&flight[..], &["--report", &report], outputs].concat());
+        assert_eq!((code, &*said), (0, ""), "{folder}");
+        [report, at(&format!("{folder}/frames.csv"))].map(|file| std::fs::read_to_string(file).unwrap())
+    };
+    let plain = fly("plain", &[]);
+    assert_eq!(fly("again", &[]), plain);
+    assert_eq!(fly("drawn", &["--frames", &at("f"), "--every-secs", "1", "--audit", "0"]), plain);
+    let audited = fly("audited", &["--aov", &at("a"), "--at-secs", "3", "--audit", "10"]);
+    assert_eq!(fly("audited again", &["--aov", &at("a"), "--at-secs", "3", "--audit", "10"]), audited);
+    let legend = read_json(&at("a/t0003.00.ids.json"));
+    assert!(legend.as_object().unwrap().values().any(|meaning| meaning["collection"] == "houses"), "{legend}");
+    assert_eq!(read_json(&at("audited/report.json"))["audited_frames"], 10);
+}
+
+#[test]
+fn a_virtual_flight_without_pictures_opens_no_renderer() {
+    let (_folder, at) = world_on_disk();
+    let output = std::process::Command::new(env!("CARGO_BIN_EXE_stoop"))
+        .args(["fly", &at("world"), "--path", &at("path.json"), "--virtual", "lan", "--report", &at("report.json")])
+        // A loader that finds no driver.
+        .envs(["VK_DRIVER_FILES", "VK_ICD_FILENAMES", "LIBGL_DRIVERS_PATH"].map(|name| (name, "/nowhere")))
+        .output()
+        .unwrap();
+    assert!(output.status.success(), "{output:?}");
+    let said = String::from_utf8(output.stdout).unwrap();
+    assert!(said.contains("on the virtual clock\n"), "{said}");
+    assert_eq!(read_json(&at("report.json"))["holes"], serde_json::Value::Null);
 }

@@ -293,7 +293,7 @@ fn fly(source: Source, mode: Mode) -> (Vec<Vec<u8>>, f64) {
         let view = earth::dive(f64::from(number.min(8)) / 8.0, 60.0, [160, 90]);
         let report = engine.frame(&FrameRequest { view, t_s: f64::from(number) / 60.0, ids: false }).unwrap();
         debt_px = report.debt_px;
-        pictures.push(engine.read_color().unwrap());
+        pictures.push(engine.picture().read_color().unwrap());
     }
     (pictures, debt_px)
 }

@@ -59,7 +59,7 @@ struct Agreement {
 }
 
 fn compare(engine: &mut Engine, view: &View, step: usize) -> Agreement {
-    let (depths_m, ids) = (engine.read_depth().unwrap(), engine.read_ids().unwrap());
+    let (depths_m, ids) = (engine.picture().read_depth().unwrap(), engine.picture().read_ids().unwrap());
     let around = engine.surroundings();
     let mut found = Agreement::default();
     for (at, at_px) in pixels(step) {
@@ -322,7 +322,7 @@ fn obstacles_are_the_highest_of_all_that_hold_a_place() {
     let mut engine = engine(&world());
     let view = view(HELSINKI, 250.0, [0.0, -90.0]);
     draw(&mut engine, view);
-    let ids = engine.read_ids().unwrap();
+    let ids = engine.picture().read_ids().unwrap();
     let (around, drawn) = (engine.surroundings(), engine.drawn());
     let (mut met, mut none) = (0, 0);
     for (at, at_px) in pixels(11) {

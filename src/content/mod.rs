@@ -17,7 +17,7 @@ pub use surface::Surface;
 pub use terrain::{TerrainMesh, TerrainPage, TerrainPost, TerrainVertex, border_posts};
 
 use crate::forest::CellId;
-use crate::forest::index::Segment;
+use crate::forest::index::{IndexForest, Place, Segment};
 use std::sync::Arc;
 
 /// Posts along a side of a terrain page.
@@ -55,6 +55,24 @@ impl PageKind {
 pub struct PageId {
     pub cell: CellId,
     pub kind: PageKind,
+}
+
+impl PageId {
+    /// Where the page lies; `None` when the world has no such page, or its node is not in memory.
+    pub fn place(self, index: &IndexForest) -> Option<Place> {
+        if self.kind == PageKind::Segment {
+            return index.segment(self.cell).map(|segment| segment.place);
+        }
+        let node = index.find(self.cell)?;
+        match self.kind {
+            PageKind::Terrain => Some(node.terrain()?.place),
+            PageKind::Imagery => node.imagery(),
+            PageKind::Objects { collection, rep } => {
+                node.objects().find(|entry| entry.collection == collection && entry.rep == rep).map(|entry| entry.place)
+            }
+            PageKind::Segment => None,
+        }
+    }
 }
 
 /// A decoded page; cheap to clone.

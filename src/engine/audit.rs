@@ -1,6 +1,6 @@
 //! Holes: what a settled frame covers and a frame does not.
 
-use super::FrameReport;
+use super::{Engine, EngineError, EngineParams, FrameReport, FrameRequest, Mode, Partition, Source};
 use crate::render::{SKY_ID, is_cell};
 
 /// Silhouettes are looked for no further than this, pixels.
@@ -8,29 +8,73 @@ const REACH_MAX_PX: usize = 64;
 
 /// Pixels of a frame that show the sky where the settled frame of the same view shows something.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct Uncovered {
+struct Uncovered {
     /// All of them.
-    pub pixels: u64,
+    pixels: u64,
     /// Those further inside, and from the picture's edge, than a silhouette may move: drawn error shifts the border
     /// against the sky, and is counted as error already.
-    pub holes: u64,
+    holes: u64,
+}
+
+/// Compares frames with the settled frames of their views, which an engine of its own makes.
+pub struct Auditor {
+    source: Source,
+    params: EngineParams,
+    /// Opened when first needed.
+    twin: Option<Box<Engine>>,
+}
+
+impl Auditor {
+    /// `params` are those of the frames; settled frames have no less than the footprint that they need.
+    pub fn new(source: &Source, params: &EngineParams) -> Self {
+        let footprint = params.footprint.max(Partition::least(Mode::Settled, &source.index));
+        let params = EngineParams { mode: Mode::Settled, footprint, ..*params };
+        Self { source: source.clone(), params, twin: None }
+    }
+
+    /// Completes the report of a frame, given the ids that it drew.
+    pub fn audit(
+        &mut self,
+        drawn: &[u32],
+        request: &FrameRequest,
+        report: &mut FrameReport,
+    ) -> Result<(), EngineError> {
+        let uncovered = if may_have_holes(drawn) {
+            let settled = self.settled_ids(request)?;
+            compare(drawn, &settled, request.view.size_px[0] as usize, Silhouettes::of(report))
+        } else {
+            Uncovered::default()
+        };
+        report.holes = Some(uncovered.holes);
+        report.uncovered_px = Some(uncovered.pixels);
+        Ok(())
+    }
+
+    fn settled_ids(&mut self, request: &FrameRequest) -> Result<Vec<u32>, EngineError> {
+        let twin = match &mut self.twin {
+            Some(twin) => twin,
+            none => none.insert(Box::new(Engine::new(self.source.clone(), self.params)?)),
+        };
+        twin.frame(&FrameRequest { ids: true, ..*request })?;
+        Ok(twin.picture().read_ids()?)
+    }
 }
 
 /// A frame without sky has no hole, whatever the settled one shows.
-pub fn may_have_holes(drawn: &[u32]) -> bool {
+fn may_have_holes(drawn: &[u32]) -> bool {
     drawn.contains(&SKY_ID)
 }
 
 /// How far silhouettes may move in a frame, pixels: by the error that was allowed and what was still owed, and by the
 /// pixel's rounding. What an absent object owes does not excuse the ground.
 #[derive(Clone, Copy, Debug)]
-pub struct Silhouettes {
+struct Silhouettes {
     ground_px: usize,
     objects_px: usize,
 }
 
 impl Silhouettes {
-    pub fn of(report: &FrameReport) -> Self {
+    fn of(report: &FrameReport) -> Self {
         let reach = |excess_px: f64| {
             let allowed_px = (report.tolerance_drawn_px + excess_px).ceil();
             (allowed_px.clamp(1.0, REACH_MAX_PX as f64) as usize).max(1)
@@ -44,7 +88,7 @@ impl Silhouettes {
 }
 
 /// Compares ids of the same view, rows from the top.
-pub fn compare(drawn: &[u32], settled: &[u32], width_px: usize, silhouettes: Silhouettes) -> Uncovered {
+fn compare(drawn: &[u32], settled: &[u32], width_px: usize, silhouettes: Silhouettes) -> Uncovered {
     let mut uncovered = Uncovered::default();
     for (at, (&drawn, &wanted)) in drawn.iter().zip(settled).enumerate() {
         if drawn == SKY_ID && wanted != SKY_ID {

@@ -15,7 +15,7 @@ use crate::units::ByteSize;
 pub const SCRATCH_PER_SERVER_BYTES: u64 = 2 << 20;
 /// The terrain meshes' share of the footprint: 1/8, and no less than this.
 pub const MESH_MIN_BYTES: u64 = 4 << 20;
-const MESH_SHARE: u64 = 8;
+pub(super) const MESH_SHARE: u64 = 8;
 /// Set aside for one chunk of each arena that is only begun, bytes.
 pub const SLACK_BYTES: u64 = 8 << 20;
 /// Decoded bytes that one live frame takes in, so that arrivals do not stretch it.

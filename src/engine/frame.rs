@@ -1,14 +1,15 @@
 //! One frame, in order, on one thread: completions, selection, requests, lifts, drawing, report.
 
-use super::audit::{Silhouettes, Uncovered, compare, may_have_holes};
+use super::audit::Auditor;
 use super::cost::{Load, TimeBudget};
+use super::picture::LastPicture;
 use super::reader::Source;
 use super::scene::{Scene, timed};
 use super::surroundings::{DrawnGround, PickCache};
 use super::{EngineError, EngineParams, FrameRequest, Mode};
 use crate::camera::View;
 use crate::paging::{FrameReport, FrameTimings, Totals};
-use crate::render::{DrawOptions, FrameStats, IdOf, RenderError, Renderer};
+use crate::render::{DrawOptions, FrameStats, RenderError, Renderer};
 use crate::select::{OutOfView, Selection};
 use std::time::Instant;
 
@@ -21,13 +22,13 @@ pub struct Engine {
     /// What the last frame drew, and what asking about it keeps.
     drawn: Selection,
     picks: PickCache,
-    /// Settles each audited view; made when first needed.
-    twin: Option<Box<Engine>>,
+    auditor: Auditor,
 }
 
 impl Engine {
     /// Opens the renderer and loads the coarsest pages of all zones.
     pub fn new(source: Source, params: EngineParams) -> Result<Self, EngineError> {
+        let auditor = Auditor::new(&source, &params);
         let mut scene = Scene::new(source, params, OutOfView::Left)?;
         let mut renderer = Renderer::new(scene.residency.gpu_limits())?;
         scene.load_pinned(&mut renderer);
@@ -41,7 +42,7 @@ impl Engine {
             counted: Totals::default(),
             drawn: Selection::default(),
             picks: PickCache::default(),
-            twin: None,
+            auditor,
         })
     }
 
@@ -105,56 +106,14 @@ impl Engine {
         Ok(drawn)
     }
 
-    /// RGBA8 of the last frame, sRGB, rows from the top.
-    pub fn read_color(&mut self) -> Result<Vec<u8>, RenderError> {
-        self.renderer.read_color()
-    }
-
-    /// Ids of the last frame, if it was asked for them.
-    pub fn read_ids(&mut self) -> Result<Vec<u32>, RenderError> {
-        self.renderer.read_ids()
-    }
-
-    /// Linear depth of the last frame in metres, infinite for the sky, if it was asked for ids.
-    pub fn read_depth(&mut self) -> Result<Vec<f32>, RenderError> {
-        self.renderer.read_depth_m()
-    }
-
-    /// What an id of the last frame stands for, for the legend beside a picture.
-    pub fn describe_id(&self, id: u32) -> serde_json::Value {
-        match self.renderer.resolve_id(id) {
-            None => serde_json::Value::Null,
-            Some(IdOf::Cell(cell)) => serde_json::json!({ "cell": cell.to_string() }),
-            Some(IdOf::Object { collection, id }) => {
-                let name = self.source().manifest.collections.get(usize::from(collection)).map(|info| &info.name);
-                serde_json::json!({ "collection": name, "object": id })
-            }
-        }
+    /// The last frame, to be read back.
+    pub fn picture(&self) -> LastPicture<'_> {
+        LastPicture::new(&self.renderer, &self.scene.source.manifest)
     }
 
     /// Compares the frame just drawn, with ids, with the settled frame of its view, and completes its report.
     pub fn audit(&mut self, request: &FrameRequest, report: &mut FrameReport) -> Result<(), EngineError> {
-        let drawn = self.read_ids()?;
-        let uncovered = if may_have_holes(&drawn) {
-            let settled = self.settled_ids(request)?;
-            compare(&drawn, &settled, request.view.size_px[0] as usize, Silhouettes::of(report))
-        } else {
-            Uncovered::default()
-        };
-        report.holes = Some(uncovered.holes);
-        report.uncovered_px = Some(uncovered.pixels);
-        Ok(())
-    }
-
-    fn settled_ids(&mut self, request: &FrameRequest) -> Result<Vec<u32>, EngineError> {
-        let twin = match &mut self.twin {
-            Some(twin) => twin,
-            none => {
-                let params = EngineParams { mode: Mode::Settled, ..self.scene.params };
-                none.insert(Box::new(Self::new(self.scene.source.clone(), params)?))
-            }
-        };
-        twin.frame(&FrameRequest { ids: true, ..*request })?;
-        Ok(twin.read_ids()?)
+        let drawn = self.picture().read_ids()?;
+        self.auditor.audit(&drawn, request, report)
     }
 }

@@ -3,10 +3,11 @@
 //!
 //! Where the finest terrain of the world is drawn there is no lift: the walls were fitted to it at preparation.
 
+use super::sink::PageSink;
 use crate::content::{CellObjects, Object, ObjectPage, PageId, TerrainPage};
 use crate::forest::index::IndexForest;
 use crate::forest::{CellId, LEVEL_MAX};
-use crate::select::{DrawObjects, DrawPiece};
+use crate::select::{DrawObjects, DrawPiece, Selection};
 use std::collections::HashMap;
 use std::sync::Arc;
 
@@ -88,6 +89,16 @@ impl Lifts {
     pub(super) fn look_again(&mut self) {
         for known in self.pages.values_mut().filter(|known| known.finest.contains(&None)) {
             known.under.fill(Under::Nothing);
+        }
+    }
+
+    /// Sets the objects of a selection on its ground, and tells the sink what changed since the last call.
+    pub(super) fn follow(&mut self, index: &IndexForest, selection: &Selection, sink: &mut dyn PageSink) {
+        let ground = Ground::new(&selection.pieces);
+        for drawn in &selection.objects {
+            if let Some((page, lifts_m)) = self.update(index, &ground, drawn) {
+                sink.set_lifts(page, lifts_m);
+            }
         }
     }
 

@@ -2,7 +2,6 @@
 
 use super::cost::{Load, TimeBudget};
 use super::footprint::Partition;
-use super::lift::Ground;
 use super::residency::Residency;
 use super::sink::PageSink;
 use super::{EngineError, EngineParams, Mode, Source};
@@ -194,12 +193,8 @@ impl Scene {
     }
 
     fn lift(&mut self, selection: &Selection, sink: &mut dyn PageSink) {
-        let ground = Ground::new(&selection.pieces);
-        for drawn in &selection.objects {
-            if let Some((page, lifts_m)) = self.residency.lifts.update(&self.residency.index, &ground, drawn) {
-                sink.set_lifts(page, lifts_m);
-            }
-        }
+        let Residency { lifts, index, .. } = &mut self.residency;
+        lifts.follow(index, selection, sink);
     }
 
     /// Whether something is under way that may change what is drawn of the same view.

@@ -429,6 +429,11 @@ impl<'a> Simulation<'a> {
         self.disk.counters().bytes.saturating_sub(self.usage.drawn_bytes())
     }
 
+    /// With the segments that are resident.
+    pub fn index(&self) -> &IndexForest {
+        &self.index
+    }
+
     pub fn manager(&self) -> &RequestManager {
         &self.manager
     }

@@ -107,18 +107,7 @@ impl World {
 
     /// Where a page lies; `None` when the world has no such page, or its node is not in memory.
     pub fn place(&self, page: PageId) -> Option<Place> {
-        if page.kind == PageKind::Segment {
-            return self.index.segment(page.cell).map(|segment| segment.place);
-        }
-        let node = self.index.find(page.cell)?;
-        match page.kind {
-            PageKind::Terrain => Some(node.terrain()?.place),
-            PageKind::Imagery => node.imagery(),
-            PageKind::Objects { collection, rep } => {
-                node.objects().find(|entry| entry.collection == collection && entry.rep == rep).map(|entry| entry.place)
-            }
-            PageKind::Segment => None,
-        }
+        page.place(&self.index)
     }
 
     /// The stored bytes of a page: one read, unchecked; [`World::decode`] checks them. Segments lie in the index files.

@@ -287,6 +287,11 @@ fn header(arguments: &Arguments, path: &FlightPath, source: &Source, mode: &str)
     }
 }
 
+/// Whether the frame after so many is one of every so many; 0 is none.
+fn is_audited(every: u32, frames: usize) -> bool {
+    every > 0 && (frames as u64).is_multiple_of(u64::from(every))
+}
+
 struct Flight {
     path: FlightPath,
     engine: Engine,
@@ -326,7 +331,7 @@ impl Flight {
     fn fly_frame(&mut self, t_s: f64) -> anyhow::Result<f64> {
         let view = View::new(self.path.at(t_s), self.path.fovy_rad(), self.size_px);
         let due = self.outputs.due(t_s);
-        let audit = self.audit_every > 0 && (self.log.frames.len() as u64).is_multiple_of(u64::from(self.audit_every));
+        let audit = is_audited(self.audit_every, self.log.frames.len());
         let request = FrameRequest { view, t_s, ids: audit || due.wants_aov() };
         let mut report = self.engine.frame(&request)?;
         let drawn = Instant::now();
@@ -336,7 +341,7 @@ impl Flight {
         if audit {
             self.engine.audit(&request, &mut report)?;
         }
-        self.outputs.write(&mut self.engine, due, self.size_px)?;
+        self.outputs.write(self.engine.picture(), due, self.size_px)?;
         for failure in self.engine.take_failures() {
             eprintln!("stoop: at {t_s:.2} s: {failure}; flying on with coarser detail");
         }

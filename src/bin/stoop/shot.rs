@@ -73,10 +73,10 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let params = EngineParams { tolerance_px: arguments.tolerance_px, mode: Mode::Settled, ..EngineParams::default() };
     let mut engine = Engine::new(source, params)?;
     let report = engine.frame(&FrameRequest { view: arguments.view(), t_s: 0.0, ids: arguments.aov.is_some() })?;
-    write_png(&arguments.out, arguments.size.0, &engine.read_color()?)?;
+    write_png(&arguments.out, arguments.size.0, &engine.picture().read_color()?)?;
     if let Some(folder) = &arguments.aov {
         let name = arguments.out.file_stem().unwrap_or_default().to_string_lossy();
-        write_aov(&mut engine, folder, &name, arguments.size.0)?;
+        write_aov(engine.picture(), folder, &name, arguments.size.0)?;
     }
     cli::say(&format!(
         "{}: {} cells, {} objects, {} triangles, drawn error {:.2} px, read {}\n",

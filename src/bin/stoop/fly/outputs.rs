@@ -4,7 +4,7 @@ use super::schedule::PictureTimes;
 use crate::cli;
 use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
-use stoop::engine::Engine;
+use stoop::engine::LastPicture;
 use stoop::record::{Video, picture_name, write_npy, write_png, write_text};
 
 /// Where pictures, ids, depths and the video of a flight go.
@@ -22,9 +22,15 @@ pub struct Due {
     /// The time that the picture stands for.
     picture_s: Option<f64>,
     aov: bool,
+    video: bool,
 }
 
 impl Due {
+    /// Whether the frame must be drawn.
+    pub fn wants_pixels(&self) -> bool {
+        self.picture_s.is_some() || self.video
+    }
+
     /// Whether ids and depth must be drawn with the picture.
     pub fn wants_aov(&self) -> bool {
         self.picture_s.is_some() && self.aov
@@ -56,14 +62,19 @@ impl Outputs {
     }
 
     pub fn due(&mut self, t_s: f64) -> Due {
-        Due { picture_s: self.times.due(t_s, self.step_s), aov: self.aov.is_some() }
+        Due { picture_s: self.times.due(t_s, self.step_s), aov: self.aov.is_some(), video: self.video.is_some() }
     }
 
-    pub fn write(&mut self, engine: &mut Engine, due: Due, size_px: [u32; 2]) -> anyhow::Result<()> {
-        if self.video.is_none() && due.picture_s.is_none() {
+    /// Whether any frame may be asked for.
+    pub fn want_pixels(&self) -> bool {
+        self.frames.is_some() || self.aov.is_some() || self.video.is_some()
+    }
+
+    pub fn write(&mut self, picture: LastPicture<'_>, due: Due, size_px: [u32; 2]) -> anyhow::Result<()> {
+        if !due.wants_pixels() {
             return Ok(());
         }
-        let rgba = engine.read_color()?;
+        let rgba = picture.read_color()?;
         if let Some(video) = &mut self.video {
             video.push(&rgba)?;
         }
@@ -73,7 +84,7 @@ impl Outputs {
             write_png(&folder.join(format!("{name}.png")), size_px, &rgba)?;
         }
         if let Some(folder) = &self.aov {
-            write_aov(engine, folder, &name, size_px)?;
+            write_aov(picture, folder, &name, size_px)?;
         }
         Ok(())
     }
@@ -84,12 +95,12 @@ impl Outputs {
 }
 
 /// Writes `NAME.ids.npy`, `NAME.ids.json` and `NAME.depth.npy` of the frame just drawn.
-pub fn write_aov(engine: &mut Engine, folder: &Path, name: &str, size_px: [u32; 2]) -> anyhow::Result<()> {
-    let ids = engine.read_ids()?;
+pub fn write_aov(picture: LastPicture<'_>, folder: &Path, name: &str, size_px: [u32; 2]) -> anyhow::Result<()> {
+    let ids = picture.read_ids()?;
     write_npy(&folder.join(format!("{name}.ids.npy")), size_px, &ids)?;
-    write_npy(&folder.join(format!("{name}.depth.npy")), size_px, &engine.read_depth()?)?;
+    write_npy(&folder.join(format!("{name}.depth.npy")), size_px, &picture.read_depth()?)?;
     let shown: BTreeSet<u32> = ids.iter().copied().filter(|&id| id != 0).collect();
-    let legend: serde_json::Map<_, _> = shown.into_iter().map(|id| (id.to_string(), engine.describe_id(id))).collect();
+    let legend: serde_json::Map<_, _> = shown.into_iter().map(|id| (id.to_string(), picture.describe_id(id))).collect();
     write_text(&folder.join(format!("{name}.ids.json")), &serde_json::to_string_pretty(&legend)?)?;
     Ok(())
 }
