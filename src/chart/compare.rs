@@ -61,6 +61,8 @@ pub struct Outcome {
     pub time_to_sharp_ms: f64,
     pub footprint_max_bytes: u64,
     pub tolerance_max_px: f64,
+    /// Decoded bytes of the largest front.
+    pub front_max_bytes: u64,
     /// Of frames that wait for their pages, seconds.
     pub wait_max_s: f64,
     pub wait_sum_s: f64,
@@ -179,6 +181,7 @@ impl<'a> Tally<'a> {
         out.would_have_waited += u64::from(report.would_have_waited);
         out.footprint_max_bytes = out.footprint_max_bytes.max(report.footprint_bytes);
         out.tolerance_max_px = out.tolerance_max_px.max(report.tolerance_drawn_px);
+        out.front_max_bytes = out.front_max_bytes.max(report.front_size_bytes);
         out.wait_max_s = out.wait_max_s.max(report.waited_s);
         out.wait_sum_s += report.waited_s;
     }

@@ -9,14 +9,14 @@ pub fn csv(flights: &[Flight], cases: &[Case], outcomes: &[Outcome]) -> String {
     let mut text = String::from(
         "flight,storage,footprint_bytes,policy,variant,level_skip,sync_reads,frames,cold_debt_px_s,cold_bound_px_s,\
          debt_px_s,bound_px_s,excess_max_px,frames_over_4px,bytes,front_bytes,ahead_bytes,wasted_bytes,requests,seeks,\
-         cancelled,failed,would_have_waited,time_to_sharp_ms,footprint_max_bytes,tolerance_max_px,wait_max_s,wait_sum_s\n",
+         cancelled,failed,would_have_waited,time_to_sharp_ms,footprint_max_bytes,tolerance_max_px,front_max_bytes,wait_max_s,wait_sum_s\n",
     );
     for (case, out) in cases.iter().zip(outcomes) {
         let setup = &case.setup;
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},\"{}\",{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},{},\"{}\",{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
             flights[case.flight].name,
             setup.storage,
             setup.footprint.0,
@@ -43,6 +43,7 @@ pub fn csv(flights: &[Flight], cases: &[Case], outcomes: &[Outcome]) -> String {
             out.time_to_sharp_ms,
             out.footprint_max_bytes,
             out.tolerance_max_px,
+            out.front_max_bytes,
             out.wait_max_s,
             out.wait_sum_s,
         );

@@ -245,6 +245,7 @@ impl Scene {
             cells_drawn: chosen.selection.pieces.len() as u32,
             would_have_waited: chosen.would_have_waited,
             ground_pressed: chosen.selection.press.is_some_and(|press| press.buries_eye()),
+            front_size_bytes: self.residency.manager.front_bytes(),
             in_flight: stats.in_flight,
             resident_pages: stats.resident_pages,
             footprint_bytes: self.residency.take_footprint_max(sink),

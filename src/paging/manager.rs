@@ -500,6 +500,11 @@ impl RequestManager {
         self.front_bytes > self.plan_bytes()
     }
 
+    /// Decoded bytes of the last update's front, by estimates where its pages are not resident.
+    pub fn front_bytes(&self) -> u64 {
+        self.front_bytes
+    }
+
     /// Whether nothing is under way and nothing more of the front can come: what a settled frame waits for.
     /// Pages that have failed several times are not waited for.
     pub fn is_idle(&self) -> bool {

@@ -54,6 +54,8 @@ pub struct FrameReport {
     pub front_bytes: u64,
     pub ahead_bytes: u64,
     pub in_flight: u64,
+    /// Decoded bytes of the front, by estimates where its pages were not there.
+    pub front_size_bytes: u64,
     pub resident_pages: u64,
     /// Bytes allocated for pages, GPU arenas, decode scratch and index, at their highest in this frame.
     pub footprint_bytes: u64,

@@ -411,6 +411,7 @@ impl<'a> Simulation<'a> {
             cells_drawn: selection.pieces.len() as u32,
             triangles: selected.triangles,
             ground_pressed: selection.press.is_some_and(|press| press.buries_eye()),
+            front_size_bytes: self.manager.front_bytes(),
             in_flight: stats.in_flight,
             resident_pages: stats.resident_pages,
             footprint_bytes: std::mem::take(&mut self.footprint_max_bytes).max(self.footprint_bytes()),
