@@ -272,6 +272,21 @@ fn a_shot_is_taken_settled() {
     assert!(code == 1 && said.contains("no/shot.png"), "{said}");
 }
 
+#[test]
+fn synchronous_flights_owe_nothing_and_fetch_nothing_ahead() {
+    let (_folder, at) = world_on_disk();
+    for mode in [&["--live"][..], &[], &["--virtual", "wan"]] {
+        let report = at("report.json");
+        let flight = ["fly", &at("world"), "--path", &at("path.json"), "--size", "96x54", "--sync-reads"];
+        let (code, said) = stoop(&[&flight[..], &["--report", &report], mode].concat());
+        assert_eq!(code, 0, "{mode:?}: {said}");
+        let report = read_json(&report);
+        assert_eq!((&report["debt_px"]["max"], &report["ahead_bytes"]), (&0.0.into(), &0.into()), "{mode:?}: {report}");
+        assert!(report["would_have_waited"].as_u64() > Some(0), "{mode:?}: {report}");
+        assert_eq!(report["waited_s"].is_null(), mode.is_empty(), "lock-step has no clock: {report}");
+    }
+}
+
 /// Flies the world on disk into `folder` below it; gives the pictures' names, sorted, and the report.
 fn fly_into(at: &dyn Fn(&str) -> String, folder: &str, arguments: &[&str]) -> (Vec<String>, serde_json::Value) {
     let (frames, report) = (at(&format!("{folder}/frames")), at(&format!("{folder}/report.json")));

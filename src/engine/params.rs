@@ -41,6 +41,9 @@ pub struct EngineParams {
     pub mode: Mode,
     /// What is fetched, and in which order; settled runs fetch the front alone.
     pub planner: PlannerParams,
+    /// Each frame reads what its front lacks and waits for it, and nothing is fetched ahead: the baseline that
+    /// Funkhouser 1996, §6 compares with. Settled runs wait anyway, and a window's frames never do.
+    pub sync_reads: bool,
 }
 
 impl Default for EngineParams {
@@ -53,6 +56,7 @@ impl Default for EngineParams {
             frame_ms: None,
             mode: Mode::LockStep,
             planner: PlannerParams::default(),
+            sync_reads: false,
         }
     }
 }
