@@ -293,7 +293,7 @@ fn fly_into(at: &dyn Fn(&str) -> String, folder: &str, arguments: &[&str]) -> (V
     let flight = ["fly", &at("world"), "--path", &at("path.json"), "--size", "96x54"];
     let outputs = ["--frames", &frames, "--report", &report];
     let (code, said) = stoop(&[&flight[..], &outputs, arguments].concat());
-    assert_eq!((code, &*said), (0, ""), "{arguments:?}");
+    assert_eq!(code, 0, "{arguments:?}: {said}");
     let entries = std::fs::read_dir(frames).unwrap();
     let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name().into_string().unwrap()).collect();
     names.sort();
@@ -334,7 +334,7 @@ fn a_virtual_flight_leaves_the_same_files_whether_or_not_it_is_drawn() {
     let fly = |folder: &str, outputs: &[&str]| {
         let report = at(&format!("{folder}/report.json"));
         let (code, said) = stoop(&[&flight[..], &["--report", &report], outputs].concat());
-        assert_eq!((code, &*said), (0, ""), "{folder}");
+        assert_eq!(code, 0, "{folder}: {said}");
         [report, at(&format!("{folder}/frames.csv"))].map(|file| std::fs::read_to_string(file).unwrap())
     };
     let plain = fly("plain", &[]);
