@@ -6,11 +6,14 @@
 mod earth;
 
 use earth::{Formulas, dive, source};
-use std::sync::Arc;
+use std::collections::HashSet;
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
-use stoop::camera::{Pose, Surroundings, View};
-use stoop::engine::{EngineParams, FrameReport, Lack, Live, Pace, PickCache, Source};
-use stoop::paging::{Gate, SlowReader};
+use stoop::camera::{Destination, NavInput, Navigator, Pose, Surroundings, View};
+use stoop::content::{Page, PageId, PageKind};
+use stoop::engine::{Engine, EngineParams, FrameReport, FrameRequest, Lack, Live, Mode, Pace, PickCache, Source};
+use stoop::forest::index::Place;
+use stoop::paging::{Gate, PageReader, ReadError, SlowReader};
 use stoop::render::{DrawOptions, Renderer, SKY_ID};
 use stoop::units::ByteSize;
 
@@ -232,4 +235,124 @@ fn a_lost_device_is_told_and_a_new_renderer_goes_on() {
     let mut second = live(source, params, view);
     until(&mut second, &view, &mut t_s, |live, _| is_sharp(live, &view));
     assert!(!second.is_lost());
+}
+
+/// Remembers which pages were read.
+struct Listening {
+    inner: Arc<dyn PageReader>,
+    read: Mutex<HashSet<PageId>>,
+}
+
+impl Listening {
+    fn of(source: Source) -> (Source, Arc<Self>) {
+        let listening = Arc::new(Self { inner: source.reader.clone(), read: Mutex::default() });
+        (Source { reader: listening.clone(), ..source }, listening)
+    }
+
+    fn has_read(&self, page: PageId) -> bool {
+        self.read.lock().unwrap().contains(&page)
+    }
+}
+
+impl PageReader for Listening {
+    fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
+        self.read.lock().unwrap().insert(page);
+        self.inner.load(page, place)
+    }
+}
+
+/// No ground is known.
+struct Nowhere;
+
+impl Surroundings for Nowhere {
+    fn ground_m(&self, _: f64, _: f64) -> Option<f64> {
+        None
+    }
+
+    fn pick(&self, _: &View, _: [f64; 2]) -> Option<stoop::geodesy::Point<stoop::geodesy::Ecef>> {
+        None
+    }
+
+    fn obstacle(&self, _: f64, _: f64, _: f64) -> Option<stoop::camera::Obstacle> {
+        None
+    }
+}
+
+#[test]
+fn where_a_flight_leads_is_read_before_the_eye_arrives() {
+    let (high, low) = (dive(0.0, LOW_M, SIZE_PX), dive(1.0, LOW_M, SIZE_PX));
+    let (source, listening) = Listening::of(source(Formulas::default()));
+    let mut live = live(source, EngineParams::default(), high);
+    let finest = earth::page_under_the_dive(earth::FINEST, PageKind::Terrain);
+    let mut t_s = 0.0;
+    until(&mut live, &high, &mut t_s, |live, _| is_sharp(live, &high));
+    assert!(!listening.has_read(finest), "nothing leads there yet");
+    let mut navigator = Navigator::new(high.pose, high.pose, high.fov_y_rad);
+    navigator.input(NavInput::FlyTo(Destination::new(low.pose)), t_s, SIZE_PX, &Nowhere);
+    let flight = navigator.flight().unwrap().clone();
+    assert_eq!(flight.pose_at(flight.end_s()), low.pose);
+    // The eye has not moved yet: only the flight tells where it leads.
+    t_s = flight.end_s() - 1.0;
+    live.set_way(Some(flight));
+    until(&mut live, &high, &mut t_s, |live, report| {
+        assert_eq!(report.debt_px, 0.0, "what is shown stays");
+        listening.has_read(finest) && listening.has_read(earth::houses_page()) && is_sharp(live, &high)
+    });
+}
+
+#[test]
+fn a_way_that_is_told_is_known_to_the_end() {
+    let finest = earth::page_under_the_dive(earth::FINEST, PageKind::Terrain);
+    let high = dive(0.0, LOW_M, SIZE_PX);
+    for told in [false, true] {
+        let (source, listening) = Listening::of(source(Formulas::default()));
+        let mut engine = Engine::new(source, EngineParams::default()).unwrap();
+        if told {
+            engine.set_way(Some(Arc::new(|t_s| dive((t_s - 1.0).clamp(0.0, 1.0), LOW_M, SIZE_PX).pose)));
+        }
+        for frame in 0..60 {
+            let t_s = f64::from(frame) / 60.0;
+            engine.frame(&FrameRequest { view: high, t_s, ids: false }).unwrap();
+        }
+        assert_eq!(listening.has_read(finest), told);
+    }
+}
+
+/// Frames of a dive in steps that no prefetch covers, with reads that take their time.
+fn synchronous(mode: Mode, broken: &[PageId]) -> Vec<FrameReport> {
+    let source = source(Formulas { broken: broken.iter().copied().collect() });
+    let slow = SlowReader::new(source.reader.clone(), Duration::from_millis(1), Arc::default());
+    let params = EngineParams { mode, sync_reads: true, ..EngineParams::default() };
+    let mut engine = Engine::new(Source { reader: Arc::new(slow), ..source }, params).unwrap();
+    let frame = |number: u32| {
+        let way = f64::from(number.min(10)) / 10.0;
+        let request = FrameRequest { view: dive(way, LOW_M, SIZE_PX), t_s: f64::from(number), ids: false };
+        engine.frame(&request).unwrap()
+    };
+    (0..15).map(frame).collect()
+}
+
+#[test]
+fn synchronous_frames_wait_for_their_front_and_fetch_nothing_ahead() {
+    for mode in [Mode::Live, Mode::LockStep] {
+        let reports = synchronous(mode, &[]);
+        for report in &reports {
+            assert_eq!((report.pages_missing, report.debt_px, report.in_flight), (0, 0.0, 0), "{mode:?}: {report:?}");
+            assert_eq!(report.ahead_bytes, 0, "{report:?}");
+            let stood_still = report.would_have_waited && mode == Mode::Live;
+            assert_eq!(report.waited_s > 0.0, stood_still, "{mode:?}: {report:?}");
+        }
+        assert!(reports.iter().any(|report| report.would_have_waited));
+        assert!(!reports.last().unwrap().would_have_waited, "what stays is not waited for again");
+    }
+}
+
+#[test]
+fn synchronous_frames_do_not_wait_for_what_is_broken() {
+    let broken = [earth::page_under_the_dive(9, PageKind::Terrain), earth::houses_page()];
+    for mode in [Mode::Live, Mode::LockStep] {
+        let reports = synchronous(mode, &broken);
+        assert_eq!(reports.iter().map(|report| report.failed).sum::<u64>(), 2, "{mode:?}");
+        assert_eq!(reports.last().unwrap().in_flight, 0);
+    }
 }

@@ -7,7 +7,7 @@ const RHO: f64 = 1.42;
 /// A way shorter than this share of the heights is a pure zoom (their special case u₀ = u₁).
 const STEEP: f64 = 1e-6;
 
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub(super) struct Arc {
     way_m: f64,
     /// Heights at the start and at the end, w₀ and w₁.

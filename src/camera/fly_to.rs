@@ -57,7 +57,7 @@ impl Destination {
 }
 
 /// A flight under way. Its path is known from its start; only stalls of the clock put it off.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, PartialEq)]
 pub struct FlyTo {
     from: Pose,
     to: Pose,

@@ -12,6 +12,7 @@ use super::zoom::{Anchor, Zoom};
 use super::{Pose, View};
 use crate::geodesy::Geodetic;
 use std::f64::consts::FRAC_PI_2;
+use std::sync::Arc;
 
 /// A double click flies to this share of the distance, but no nearer than so many metres.
 const DOUBLE_CLICK_SHARE: f64 = 1.0 / 8.0;
@@ -50,7 +51,7 @@ enum Gesture {
     Rest,
     Drag(Grab, Button),
     Coast(Grab, Coast),
-    Flight(FlyTo),
+    Flight(Arc<FlyTo>),
     North(NorthUp),
 }
 
@@ -111,7 +112,7 @@ impl Navigator {
     }
 
     /// The flight under way, whose path is known: the pose at any time.
-    pub fn flight(&self) -> Option<&FlyTo> {
+    pub fn flight(&self) -> Option<&Arc<FlyTo>> {
         match &self.gesture {
             Gesture::Flight(flight) => Some(flight),
             _ => None,
@@ -176,7 +177,10 @@ impl Navigator {
             self.last_s = Some(self.last_s.map_or(now_s, |last_s| last_s.max(now_s)));
         }
         if let Gesture::Flight(flight) = &mut self.gesture {
-            flight.delay((passed_s - MAX_STEP_S).max(0.0));
+            let late_s = passed_s - MAX_STEP_S;
+            if late_s > 0.0 {
+                Arc::make_mut(flight).delay(late_s);
+            }
         }
         passed_s.min(MAX_STEP_S)
     }
@@ -252,7 +256,7 @@ impl Navigator {
         if let Some(to) = sane(to).filter(|_| now_s.is_finite()) {
             // All else has stopped: what went by before is nothing to make up for.
             self.last_s = Some(self.last_s.map_or(now_s, |last_s| last_s.max(now_s)));
-            self.gesture = Gesture::Flight(FlyTo::new(self.pose, to, now_s, Clearance::new(around)));
+            self.gesture = Gesture::Flight(Arc::new(FlyTo::new(self.pose, to, now_s, Clearance::new(around))));
         }
     }
 

@@ -18,8 +18,8 @@ pub const MESH_MIN_BYTES: u64 = 4 << 20;
 pub(super) const MESH_SHARE: u64 = 8;
 /// Set aside for one chunk of each arena that is only begun, bytes.
 pub const SLACK_BYTES: u64 = 8 << 20;
-/// Decoded bytes that one live frame takes in, so that arrivals do not stretch it.
-pub const UPLOAD_BYTES_PER_FRAME: u64 = 4 << 20;
+/// Uploaded bytes after which the driver is made to let go of its copies, where that may be waited for.
+pub const FLUSH_BYTES: u64 = 4 << 20;
 /// Stored bytes that one frame in lock-step starts to read: 60 MiB a second at 60 frames.
 pub const READ_BYTES_PER_FRAME: u64 = 1 << 20;
 /// Ranges under way at most on a disk of unknown kind, and pages in them.

@@ -8,7 +8,7 @@ use super::scene::{Scene, timed};
 use super::surroundings::{DrawnGround, PickCache};
 use super::{EngineError, EngineParams, FrameRequest, Mode};
 use crate::camera::View;
-use crate::paging::{FrameReport, FrameTimings, Totals};
+use crate::paging::{FrameReport, FrameTimings, KnownWay, Totals};
 use crate::render::{DrawOptions, FrameStats, RenderError, Renderer};
 use crate::select::{OutOfView, Selection};
 use std::time::Instant;
@@ -76,7 +76,7 @@ impl Engine {
         let options = DrawOptions { aov: request.ids, ..DrawOptions::default() };
         let drawn = timed(&mut timings.render_ms, || self.draw(&request.view, &chosen.selection, &options))?;
         timings.frame_ms = started.elapsed().as_secs_f64() * 1000.0;
-        self.scene.learn(Load::of(&chosen.selection), timings.frame_ms);
+        self.scene.learn(Load::of(&chosen.selection), timings.frame_ms - chosen.waited_s * 1000.0);
         let mut report = self.scene.report(&chosen, request.t_s, &self.renderer);
         let totals = self.scene.totals();
         report.count(&std::mem::replace(&mut self.counted, totals), &totals);
@@ -92,6 +92,11 @@ impl Engine {
     /// What the last frame drew, to be asked by navigation.
     pub fn surroundings(&self) -> DrawnGround<'_> {
         DrawnGround::new(&self.drawn, &self.scene.residency.lifts, &self.picks)
+    }
+
+    /// Tells the way of the eye from now on, on the clock of the frames, for what may know it; or that it is not known.
+    pub fn set_way(&mut self, known: Option<KnownWay>) {
+        self.scene.set_way(known);
     }
 
     /// The list that the last frame drew.

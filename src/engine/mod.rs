@@ -21,12 +21,13 @@ mod sink;
 mod stills;
 mod surroundings;
 mod throttle;
+mod upload;
 
 pub use crate::paging::{Aim, FrameReport, FrameTimings, Lack};
 pub use cost::{CostModel, Load, TimeBudget};
 pub use footprint::{
-    IN_FLIGHT_MAX, MESH_MIN_BYTES, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, SCRATCH_PER_SERVER_BYTES,
-    SLACK_BYTES, THREADS_PER_LAYER, UPLOAD_BYTES_PER_FRAME,
+    FLUSH_BYTES, IN_FLIGHT_MAX, MESH_MIN_BYTES, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME,
+    SCRATCH_PER_SERVER_BYTES, SLACK_BYTES, THREADS_PER_LAYER,
 };
 pub use frame::Engine;
 pub use ground::GroundProbe;
@@ -39,3 +40,4 @@ pub use reader::Source;
 pub use stills::Stills;
 pub use surroundings::{DrawnGround, PickCache};
 pub use throttle::{ClockSecs, ThrottledServer};
+pub use upload::{UPLOAD_BYTES_PER_FRAME, UploadRate};

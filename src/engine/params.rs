@@ -48,6 +48,9 @@ pub struct EngineParams {
     pub faults: Faults,
     /// Whom the faults hit.
     pub seed: u64,
+    /// Each frame reads what its front lacks and waits for it, and nothing is fetched ahead: the baseline that
+    /// Funkhouser 1996, §6 compares with. Settled runs wait anyway, and a window's frames never do.
+    pub sync_reads: bool,
 }
 
 impl Default for EngineParams {
@@ -63,6 +66,7 @@ impl Default for EngineParams {
             storage: None,
             faults: Faults::NONE,
             seed: 0,
+            sync_reads: false,
         }
     }
 }

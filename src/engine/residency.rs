@@ -1,12 +1,13 @@
 //! Pages on their way in and out: between selection, request manager, servers, live tree and GPU.
 
 use super::footprint::{
-    GAP_BYTES, IN_FLIGHT_MAX, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, RUN_BYTES, THREADS_PER_LAYER,
-    UPLOAD_BYTES_PER_FRAME,
+    FLUSH_BYTES, GAP_BYTES, IN_FLIGHT_MAX, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, RUN_BYTES,
+    THREADS_PER_LAYER,
 };
 use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::sink::{Handover, PageSink};
 use super::throttle::ThrottledServer;
+use super::upload::UploadRate;
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::cells::LiveTree;
 use crate::content::{Page, PageFile, PageId, PageKind};
@@ -20,6 +21,7 @@ use crate::render::{ArenaFull, GpuLimits};
 use crate::select::{Demand, Selection};
 use crate::storage::{Disk, Faults, ReadLimits, StorageModel};
 use std::collections::{HashMap, HashSet};
+use std::time::Instant;
 
 /// Messages of failures kept for the caller; further ones are only counted.
 const MESSAGES_MAX: usize = 16;
@@ -74,6 +76,9 @@ pub struct Residency {
     pictures_in_flight: u64,
     last_read: Option<(Zone, PageFile, u64)>,
     messages: Vec<String>,
+    /// What live runs take in at a time follows from this, and from the frame time to hold, milliseconds.
+    upload_rate: UploadRate,
+    frame_ms: Option<f64>,
     /// The highest since it was last asked for.
     footprint_max_bytes: u64,
 }
@@ -122,6 +127,8 @@ impl Residency {
             pictures_in_flight: 0,
             last_read: None,
             messages: Vec::new(),
+            upload_rate: UploadRate::default(),
+            frame_ms: params.frame_ms,
             footprint_max_bytes: 0,
         })
     }
@@ -148,17 +155,39 @@ impl Residency {
     /// thread does not keep to that itself.
     /// Gives the number of reads that ended and pages that became drawable.
     pub fn receive(&mut self, now_s: f64, sink: &mut dyn PageSink) -> usize {
-        let mut taken_bytes = 0;
+        self.receive_from(None, now_s, sink)
+    }
+
+    /// Takes in all that is under way: waits for it, but not beyond `deadline`.
+    pub fn receive_all(&mut self, deadline: Instant, now_s: f64, sink: &mut dyn PageSink) {
+        while self.is_reading() {
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() {
+                return;
+            }
+            let first = self.server.poll_within(left);
+            self.receive_from(first, now_s, sink);
+            sink.flush();
+        }
+    }
+
+    fn receive_from(&mut self, mut first: Option<Delivery>, now_s: f64, sink: &mut dyn PageSink) -> usize {
+        let (started, budget_bytes) = (Instant::now(), self.upload_rate.budget_bytes(self.frame_ms));
+        let (mut taken_bytes, mut unflushed_bytes) = (0, 0);
         let mut taken = 0;
-        while self.mode != Mode::Live || taken_bytes < UPLOAD_BYTES_PER_FRAME {
-            let Some(delivery) = self.server.poll() else { break };
-            taken_bytes += self.take_in(delivery, now_s, sink);
+        while self.mode != Mode::Live || taken_bytes < budget_bytes {
+            let Some(delivery) = first.take().or_else(|| self.server.poll()) else { break };
+            let bytes = self.take_in(delivery, now_s, sink);
+            (taken_bytes, unflushed_bytes) = (taken_bytes + bytes, unflushed_bytes + bytes);
             taken += 1;
             // The driver holds what is uploaded a second time until it is told to go on.
-            if self.mode != Mode::Live && taken_bytes >= UPLOAD_BYTES_PER_FRAME {
-                taken_bytes = 0;
+            if self.mode != Mode::Live && unflushed_bytes >= FLUSH_BYTES {
+                unflushed_bytes = 0;
                 sink.flush();
             }
+        }
+        if self.mode == Mode::Live {
+            self.upload_rate.learn(taken_bytes, started.elapsed().as_secs_f64() * 1000.0);
         }
         while let Some((id, uploaded)) = sink.poll() {
             if let Some((page, place)) = self.uploading.remove(&id) {

@@ -8,10 +8,13 @@ use super::{EngineError, EngineParams, Mode, Source};
 use crate::camera::View;
 use crate::paging::{DrawnLevels, DrawnTolerance, Frame, FrameReport, FrameTimings, KnownWay, Lack, Planner, Totals};
 use crate::select::{Demand, OutOfView, SelectParams, Selection, select_raised};
-use std::time::Instant;
+use std::time::{Duration, Instant};
 
 /// How long a settled frame waits for a failed page between tries, on its own clock, seconds.
 const SETTLE_WAIT_S: f64 = 0.25;
+
+/// A frame that waits for its front waits no longer than this for what does not come.
+const SYNC_WAIT_MAX: Duration = Duration::from_secs(60);
 
 /// Frames further apart than this are none of one motion, seconds.
 const STEP_MAX_S: f64 = 0.25;
@@ -42,6 +45,8 @@ pub struct Chosen {
     /// A page of the front was missing when the step began: there a renderer that reads on demand would have waited
     /// (Varadhan & Manocha 2002, §5).
     pub would_have_waited: bool,
+    /// Time that a live frame stood still for its pages, seconds.
+    pub waited_s: f64,
 }
 
 impl Scene {
@@ -97,12 +102,13 @@ impl Scene {
     /// Completions, selection and requests; once, or until settled. In lock-step, what this frame's budget could read
     /// is drawn in this frame.
     pub fn advance(&mut self, view: &View, t_s: f64, sink: &mut dyn PageSink, timings: &mut FrameTimings) -> Chosen {
-        let mut waited = None;
+        let mut would_have_waited = None;
+        let mut waiting_since = None;
         let selection = loop {
             let now_s = t_s + self.waited_s;
             timed(&mut timings.complete_ms, || self.residency.receive(now_s, sink));
             let mut selection = timed(&mut timings.select_ms, || self.choose(view));
-            waited.get_or_insert(selection.stats.pages_missing > 0);
+            would_have_waited.get_or_insert(selection.stats.pages_missing > 0);
             let hurt = timed(&mut timings.manage_ms, || {
                 let demands = self.plan(view, &selection, now_s);
                 self.residency.manage(&selection, &demands, now_s, sink)
@@ -113,6 +119,10 @@ impl Scene {
             let mode = self.params.mode;
             match mode {
                 Mode::Settled if !self.is_settled() => {}
+                _ if self.awaits_front(waiting_since) => {
+                    let deadline = *waiting_since.get_or_insert_with(Instant::now) + SYNC_WAIT_MAX;
+                    timed(&mut timings.complete_ms, || self.residency.receive_all(deadline, now_s, sink));
+                }
                 Mode::LockStep if self.residency.manager.stats().in_flight > 0 => {
                     timed(&mut timings.complete_ms, || self.residency.receive(now_s, sink));
                     break timed(&mut timings.select_ms, || self.choose(view));
@@ -123,12 +133,26 @@ impl Scene {
         timed(&mut timings.lift_ms, || self.lift(&selection, sink));
         self.residency.usage.drawn(&selection);
         self.level_switches += u64::from(self.levels.switch(selection.pieces.iter().map(|piece| piece.cell)));
-        Chosen { selection, would_have_waited: waited.unwrap_or(false) }
+        Chosen {
+            selection,
+            would_have_waited: would_have_waited.unwrap_or(false),
+            waited_s: waiting_since
+                .filter(|_| self.params.mode == Mode::Live)
+                .map_or(0.0, |at| at.elapsed().as_secs_f64()),
+        }
     }
 
-    /// What to ask for in this step. A settled frame is of no later use, and asks for its front alone.
+    /// Whether a frame that reads synchronously has something to wait for.
+    fn awaits_front(&self, since: Option<Instant>) -> bool {
+        let may_wait = self.params.sync_reads && self.params.mode != Mode::Settled;
+        let lacks = !self.residency.manager.is_idle() && self.residency.is_reading();
+        may_wait && lacks && since.is_none_or(|since| since.elapsed() < SYNC_WAIT_MAX)
+    }
+
+    /// What to ask for in this step. A settled frame is of no later use, and asks for its front alone; so does one that
+    /// reads synchronously.
     fn plan(&mut self, view: &View, selection: &Selection, now_s: f64) -> Vec<Demand> {
-        if self.params.mode == Mode::Settled {
+        if self.params.mode == Mode::Settled || self.params.sync_reads {
             return selection.demands.clone();
         }
         let step_s = self.stepped_s.replace(now_s).map_or(0.0, |before_s| (now_s - before_s).clamp(0.0, STEP_MAX_S));
@@ -244,6 +268,7 @@ impl Scene {
             lack: self.tolerance.lack(),
             cells_drawn: chosen.selection.pieces.len() as u32,
             would_have_waited: chosen.would_have_waited,
+            waited_s: chosen.waited_s,
             ground_pressed: chosen.selection.press.is_some_and(|press| press.buries_eye()),
             front_size_bytes: self.residency.manager.front_bytes(),
             in_flight: stats.in_flight,

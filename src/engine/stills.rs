@@ -2,7 +2,7 @@
 //! texels, so what a picture shows is read for that picture. Nothing of this counts in the flight's report.
 
 use super::audit::Auditor;
-use super::footprint::{MESH_MIN_BYTES, MESH_SHARE, SLACK_BYTES, UPLOAD_BYTES_PER_FRAME};
+use super::footprint::{FLUSH_BYTES, MESH_MIN_BYTES, MESH_SHARE, SLACK_BYTES};
 use super::lift::Lifts;
 use super::picture::LastPicture;
 use super::{EngineError, EngineParams, FrameReport, FrameRequest, Source};
@@ -155,7 +155,7 @@ impl Stills {
         self.unflushed_bytes += self.renderer.upload(page)?;
         self.uploaded.insert(page.id());
         // The driver holds what is uploaded a second time until it is told to go on.
-        if self.unflushed_bytes >= UPLOAD_BYTES_PER_FRAME {
+        if self.unflushed_bytes >= FLUSH_BYTES {
             self.unflushed_bytes = 0;
             self.renderer.flush_uploads();
         }

@@ -64,7 +64,8 @@ pub struct FrameReport {
     pub holes: Option<u64>,
     /// The same with the silhouettes.
     pub uncovered_px: Option<u64>,
-    /// Time that a virtual frame waited for its pages, seconds; 0 but where reads are synchronous.
+    /// Time that a frame stood still for its pages, by the virtual or the real clock, seconds; 0 but where reads are
+    /// synchronous, and in lock-step, which has no clock.
     pub waited_s: f64,
     /// The debt that no policy can fall below here, px; `None` where it was not computed.
     pub debt_bound_px: Option<f64>,

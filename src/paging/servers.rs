@@ -4,12 +4,15 @@
 use super::RangeRead;
 use crate::content::{Page, PageId, PageKind};
 use crate::forest::index::Place;
-use crossbeam_channel::{Receiver, Sender, TrySendError, bounded};
+use crossbeam_channel::{Receiver, Sender, TrySendError, after, bounded};
 use std::collections::{HashSet, VecDeque};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
+
+/// A moment, for [`PageServer::poll_within`].
+const LOOK_AGAIN: Duration = Duration::from_millis(1);
 
 /// Why a page did not come.
 #[derive(Clone, Debug, PartialEq, thiserror::Error)]
@@ -51,6 +54,15 @@ pub trait PageServer: Send {
     fn cancel(&mut self, page: PageId);
     /// The next delivery that is there; never waits.
     fn poll(&mut self) -> Option<Delivery>;
+    /// The next delivery; where reads go on elsewhere, waits for it, but no longer than `at_most`. `None` may come
+    /// sooner: a server that does not know when its next one comes looks again in a moment.
+    fn poll_within(&mut self, at_most: Duration) -> Option<Delivery> {
+        self.poll().or_else(|| {
+            // A timer is a channel that gives one message.
+            let _ = after(at_most.min(LOOK_AGAIN)).recv();
+            self.poll()
+        })
+    }
     /// Starts without delivery so far.
     fn in_flight(&self) -> usize;
 }
@@ -84,6 +96,10 @@ impl PageServer for InlineServer {
         let (page, place) = self.queue.pop_front()?;
         let outcome = if self.cancelled.remove(&page) { Outcome::Cancelled } else { read(&*self.reader, page, place) };
         Some(Delivery { page, place, outcome })
+    }
+
+    fn poll_within(&mut self, _at_most: Duration) -> Option<Delivery> {
+        self.poll()
     }
 
     fn in_flight(&self) -> usize {
@@ -184,6 +200,15 @@ impl ThreadedServers {
     }
 }
 
+impl ThreadedServers {
+    fn delivered(&mut self, delivery: Delivery) -> Delivery {
+        self.in_flight -= 1;
+        // A cancellation that came too late must not hit the page's next start.
+        lock(&self.cancelled).remove(&delivery.page);
+        delivery
+    }
+}
+
 impl PageServer for ThreadedServers {
     fn start(&mut self, read: RangeRead) -> bool {
         if self.in_flight + read.pages.len() > self.queue_len {
@@ -207,14 +232,19 @@ impl PageServer for ThreadedServers {
     }
 
     fn poll(&mut self) -> Option<Delivery> {
-        if let Some(delivery) = self.unserved.pop_front() {
-            return Some(delivery);
-        }
-        let delivery = self.deliveries.as_ref()?.try_recv().ok()?;
-        self.in_flight -= 1;
-        // A cancellation that came too late must not hit the page's next start.
-        lock(&self.cancelled).remove(&delivery.page);
-        Some(delivery)
+        let unserved = self.unserved.pop_front();
+        unserved.or_else(|| {
+            let delivery = self.deliveries.as_ref()?.try_recv().ok()?;
+            Some(self.delivered(delivery))
+        })
+    }
+
+    fn poll_within(&mut self, at_most: Duration) -> Option<Delivery> {
+        self.poll().or_else(|| {
+            let deliveries = self.deliveries.as_ref().filter(|_| self.in_flight > 0)?;
+            let delivery = deliveries.recv_timeout(at_most).ok()?;
+            Some(self.delivered(delivery))
+        })
     }
 
     fn in_flight(&self) -> usize {

@@ -284,6 +284,7 @@ impl Stage {
         let (begun, now_s) = (Instant::now(), self.now_s());
         let view = self.step(now_s, size_px);
         let pace = self.pace(&view, now_s);
+        self.live.set_way(self.navigator.flight().filter(|_| self.replay.is_none()).cloned());
         let mut report = self.live.frame(&view, now_s, pace)?;
         self.bytes_read += report.bytes_read;
         let (mut actions, repaint) = self.lay_out(&view, now_s);

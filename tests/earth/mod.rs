@@ -29,7 +29,7 @@ const EVERYWHERE: u8 = 2;
 /// Every eighth post of a page is drawn.
 const STRIDE: usize = 8;
 const HOUSES_LEVEL: u8 = 12;
-const HOUSE_M: f64 = 40.0;
+pub const HOUSE_M: f64 = 40.0;
 
 /// Amplitude in metres and waves per radian.
 const WAVES: [(f64, f64); 2] = [(400.0, 40.0), (20.0, 4000.0)];
@@ -69,7 +69,7 @@ fn houses_root() -> CellId {
 }
 
 /// Houses of 20 m by 20 m in a row that runs east from the place.
-fn houses() -> Vec<Prism> {
+pub fn houses() -> Vec<Prism> {
     let metre_rad = 1.0 / SEMI_MAJOR_M;
     (0..12)
         .map(|number| {

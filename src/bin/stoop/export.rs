@@ -83,7 +83,9 @@ fn write_collection(world: &World, name: &str, rep: u8, out: &Path) -> anyhow::R
             let id = PageId { cell: root, kind: PageKind::Objects { collection: entry.collection, rep } };
             let bytes = world.read(id, entry.place)?;
             let attributes = world.attributes(id, entry.place, &bytes)?;
-            for (prism, text) in world.prisms(id, entry.place, &bytes)?.prisms.iter().zip(&attributes) {
+            // A collection without attributes has no list of them.
+            let texts = attributes.iter().map(String::as_str).chain(std::iter::repeat("{}"));
+            for (prism, text) in world.prisms(id, entry.place, &bytes)?.prisms.iter().zip(texts) {
                 let separator = if count == 0 { "\n" } else { ",\n" };
                 write!(file, "{separator}{}", feature(prism, text))?;
                 count += 1;

@@ -12,6 +12,7 @@ pub use outputs::write_aov;
 use schedule::{PictureTimes, Progress};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::time::Instant;
 use stoop::camera::{FlightPath, View};
 use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode, Source};
@@ -27,6 +28,25 @@ How a flight runs:
                    the same frames, requests and figures on every run, machine times apart
   --settled        every frame waits until nothing is left to load: the reference for accuracy
   --live           frames follow the real clock, threads read and decode; writing pictures and audits stops the clock
+  --virtual MODEL  frames at fixed steps of a virtual clock, reads take as long as the storage model says; no thread and
+                   no GPU, and the same report on every run and machine; pictures are drawn only where --frames, --aov
+                   or --video ask for them, or an audit; --footprint holds for the flight, its pictures come on top
+  --sync-reads     with --live, --virtual or without a mode: each frame reads what its front lacks and waits for it, and
+                   nothing is fetched ahead; waited_s in the report tells how long frames stood still (by a clock:
+                   lock-step has none)
+
+Storage models: latency in ms, MB (10^6 bytes) a second in all, requests served at once:
+  hdd 10,120,1 (seeks only)   ssd 0.1,500,8   lan 2,100,6   wan 60,5,6   mobile 150,1,4
+
+Policies (--policy): what is fetched ahead of the front, and in which order
+  demand           nothing: the front only
+  front            rings around the view, by priority (Varadhan & Manocha 2002)
+  range            all that an observer may reach within the next frames (Funkhouser 1996)
+  vgis             the front where the eye will be after the lead time (Davis et al. 1999)
+  foresight        the default: by expected fall of detail debt per byte over the views that are foretold
+  oracle           as foresight, told the path: what no real flight knows
+Their parameters are JSON (--policy-params), by policy; names that do not exist are errors that tell which do:
+  {\"foresight\": {\"views\": 5, \"reach_s\": 2, \"trust_s\": 1}, \"vgis\": {\"leads\": 1.5}}
 
 Files:
   DIR/t0012.00.png         the picture at 12 s (--frames)
@@ -51,6 +71,11 @@ Examples:
   stoop fly WORLD --path dive.json --frames pictures --at-secs 0,12,18 --report report.json
   stoop fly WORLD --path dive.json --live --size 1280x720 --footprint 512MiB --report live.json
   stoop fly WORLD --path dive.json --live --storage wan --faults errors=0.01,spike_ms=2000 --seed 7 --report wan.json
+  stoop fly WORLD --path dive.json --virtual wan --report wan.json
+  stoop fly WORLD --path dive.json --virtual 20,50,4 --policy vgis --no-level-skip --report levels.json
+  stoop fly WORLD --path dive.json --virtual mobile --frames pictures --at-secs 5,15 --audit 0
+  stoop fly WORLD --path dive.json --live --sync-reads --report waits.json
+  stoop fly WORLD --path dive.json --policy foresight --policy-params params.json --report tuned.json
   stoop fly WORLD --path dive.json --settled --tolerance-px 0.25 --frames reference --every-secs 1";
 
 const PARAMS_EXAMPLE: &str = r#"{"foresight": {"reach_s": 2}}"#;
@@ -94,16 +119,18 @@ pub struct Arguments {
     /// path)
     #[arg(long, value_name = "NAME", default_value_t)]
     policy: PolicyName,
-    /// Parameters of policies, JSON: {"foresight": {"reach_s": 2}}; what is left out has its default
+    /// Parameters of policies, JSON, by policy: {"foresight": {"reach_s": 2}}; what is left out has its default
     #[arg(long, value_name = "FILE")]
     policy_params: Option<PathBuf>,
     /// A single-seek layout of the world (not in this version)
     #[arg(long, value_name = "NAME")]
     layout: Option<String>,
-    /// Load intermediate levels too, each page after its parent
+    /// Load intermediate levels too, each page after its parent; otherwise a page that would be passed before it
+    /// arrives is not asked for
     #[arg(long)]
     no_level_skip: bool,
-    /// Each frame reads what it lacks and waits for it: the baseline to compare with; with --live or --virtual
+    /// Each frame reads what it lacks and waits for it, and nothing is fetched ahead: the baseline to compare with; not
+    /// with --settled, which waits anyway
     #[arg(long, conflicts_with = "settled")]
     sync_reads: bool,
     /// With --live, hold reads back to a storage model: hdd, ssd, lan, wan, mobile, or milliseconds from request to
@@ -232,6 +259,7 @@ impl Arguments {
             storage: self.storage,
             faults: self.faults.unwrap_or(Faults::NONE),
             seed: self.seed,
+            sync_reads: self.sync_reads,
         })
     }
 
@@ -254,7 +282,11 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if let Some(storage) = arguments.virtual_storage {
         return virtual_clock::fly(&arguments, path, source, storage);
     }
-    let engine = Engine::new(source, arguments.params()?)?;
+    let mut engine = Engine::new(source, arguments.params()?)?;
+    if arguments.policy == PolicyName::Oracle {
+        let known = path.clone();
+        engine.set_way(Some(Arc::new(move |t_s| known.at(t_s))));
+    }
     let step_s = arguments.step_secs.unwrap_or(1.0 / path.hz());
     let mut flight = Flight {
         outputs: Outputs::create(&arguments, step_s)?,

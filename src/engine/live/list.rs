@@ -1,6 +1,6 @@
 //! What the scene thread publishes for the render thread.
 
-use crate::camera::View;
+use crate::camera::{FlyTo, View};
 use crate::content::PageId;
 use crate::engine::{EngineParams, FrameReport, TimeBudget};
 use crate::paging::Totals;
@@ -54,4 +54,6 @@ pub(super) struct Order {
     pub at: Instant,
     pub params: EngineParams,
     pub time: Option<TimeBudget>,
+    /// The flight under way, on the clock of `t_s`.
+    pub way: Option<Arc<FlyTo>>,
 }

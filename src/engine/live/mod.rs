@@ -11,12 +11,13 @@ mod remote;
 mod thread;
 
 use super::cost::{Load, TimeBudget};
-use super::footprint::{PAGES_IN_FLIGHT_MAX, Partition, UPLOAD_BYTES_PER_FRAME};
+use super::footprint::{PAGES_IN_FLIGHT_MAX, Partition};
 use super::lift::LiftCopies;
 use super::scene::{Scene, timed};
 use super::surroundings::{DrawnGround, PickCache};
+use super::upload::UploadRate;
 use super::{EngineError, EngineParams, FrameReport, FrameTimings, Mode, Source};
-use crate::camera::View;
+use crate::camera::{FlyTo, View};
 use crate::paging::Totals;
 use crate::render::{DrawOptions, GpuLimits, Renderer};
 use crate::select::OutOfView;
@@ -66,6 +67,15 @@ struct Shared {
     footprint_max_bytes: AtomicU64,
 }
 
+/// What an order asked for: the next one with the same would change nothing.
+#[derive(Debug, PartialEq)]
+struct Asked {
+    view: View,
+    params: EngineParams,
+    pace: Pace,
+    way: Option<Arc<FlyTo>>,
+}
+
 /// The render thread's side; owns the renderer. Dropped, it ends the scene thread.
 pub struct Live {
     source: Source,
@@ -82,11 +92,14 @@ pub struct Live {
     lifts: LiftCopies,
     /// An upload that waits for its list.
     held_over: Option<Upload>,
+    upload_rate: UploadRate,
     time: TimeBudget,
     counted: Totals,
     frames: u64,
     last_view: Option<View>,
-    ordered: Option<(View, EngineParams, Pace)>,
+    ordered: Option<Asked>,
+    /// The flight under way.
+    way: Option<Arc<FlyTo>>,
 }
 
 impl Live {
@@ -103,7 +116,7 @@ impl Live {
         view: View,
         notify: Notify,
     ) -> Result<Self, EngineError> {
-        let params = EngineParams { mode: Mode::Live, ..params };
+        let params = live_params(params);
         let mut scene = Scene::new(source.clone(), params, OutOfView::Coarse)?;
         scene.load_pinned(&mut renderer);
         let shared = Arc::new(Shared::default());
@@ -112,7 +125,7 @@ impl Live {
         let (to_show, messages) = bounded(MESSAGES_MAX);
         let (wake, woken) = bounded(1);
         let remote = Remote::new(shared.clone(), to_render, from_render);
-        let order = Order { view, t_s: 0.0, at: Instant::now(), params, time: None };
+        let order = Order { view, t_s: 0.0, at: Instant::now(), params, time: None, way: None };
         let mut scene_thread =
             SceneThread { scene, remote, shared: shared.clone(), wake: woken, messages: to_show, notify, order };
         tell_usage(&shared, &renderer);
@@ -131,10 +144,12 @@ impl Live {
             list,
             lifts: LiftCopies::default(),
             held_over: None,
+            upload_rate: UploadRate::default(),
             counted: Totals::default(),
             frames: 0,
             last_view: None,
             ordered: None,
+            way: None,
         };
         let named = Builder::new().name("scene".into());
         live.thread = Some(named.spawn(move || scene_thread.run()).map_err(EngineError::Thread)?);
@@ -152,9 +167,15 @@ impl Live {
     /// From the next order on.
     pub fn set_params(&mut self, params: EngineParams) -> Result<(), EngineError> {
         Self::gpu_limits(&self.source, &params)?;
-        self.params = EngineParams { mode: Mode::Live, ..params };
+        self.params = live_params(params);
         self.time.frame_ms = self.params.frame_ms.unwrap_or(f64::INFINITY);
         Ok(())
+    }
+
+    /// Tells the flight that is under way on the clock of [`Live::frame`], or that there is none: where it leads is
+    /// known, and fetched ahead. From the next order on.
+    pub fn set_way(&mut self, flight: Option<Arc<FlyTo>>) {
+        self.way = flight;
     }
 
     /// The least footprint that works with a world in a window.
@@ -238,11 +259,13 @@ impl Live {
         let pad_px = self.last_view.map_or(0, |last| pad_px(&last, view));
         self.last_view = Some(*view);
         let time = self.params.frame_ms.filter(|_| pace == Pace::Moving).map(|_| self.time);
-        let order = Order { view: view.padded(pad_px), t_s, at: Instant::now(), params: self.params, time };
-        let asked = (order.view, order.params, pace);
-        if self.ordered.replace(asked).is_some_and(|before| before == asked) {
+        let way = self.way.clone();
+        let order = Order { view: view.padded(pad_px), t_s, at: Instant::now(), params: self.params, time, way };
+        let asked = Asked { view: order.view, params: order.params, pace, way: order.way.clone() };
+        if self.ordered.as_ref() == Some(&asked) {
             return;
         }
+        self.ordered = Some(asked);
         drop(self.shared.orders.publish(Box::new(order)));
         self.wake();
     }
@@ -289,8 +312,9 @@ impl Live {
 
     fn take_uploads(&mut self) {
         let applied = self.shared.applied.load(Ordering::Relaxed);
+        let (started, budget_bytes) = (Instant::now(), self.upload_rate.budget_bytes(self.params.frame_ms));
         let (mut taken_bytes, mut taken) = (0, false);
-        while taken_bytes < UPLOAD_BYTES_PER_FRAME
+        while taken_bytes < budget_bytes
             && let Some((number, page)) = self.held_over.take().or_else(|| self.uploads.try_recv().ok())
         {
             if number > applied {
@@ -304,6 +328,7 @@ impl Live {
             taken = true;
         }
         if taken {
+            self.upload_rate.learn(taken_bytes, started.elapsed().as_secs_f64() * 1000.0);
             self.wake();
         }
     }
@@ -329,6 +354,11 @@ impl Drop for Live {
     fn drop(&mut self) {
         self.close();
     }
+}
+
+/// A window's frames wait for nothing.
+fn live_params(params: EngineParams) -> EngineParams {
+    EngineParams { mode: Mode::Live, sync_reads: false, ..params }
 }
 
 fn tell_usage(shared: &Shared, renderer: &Renderer) {

@@ -5,7 +5,7 @@ use super::remote::Remote;
 use super::{Notify, Shared};
 use crate::engine::FrameTimings;
 use crate::engine::scene::Scene;
-use crate::paging::PageState;
+use crate::paging::{KnownWay, PageState};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -57,6 +57,8 @@ impl SceneThread {
         }
         self.order = *order;
         self.scene.set_time(self.order.time);
+        self.scene
+            .set_way(self.order.way.clone().map(|flight| -> KnownWay { Arc::new(move |t_s| flight.pose_at(t_s)) }));
         true
     }
 
