@@ -150,29 +150,43 @@ fn every_policy_keeps_every_footprint_on_every_model_and_comes_to_rest() {
         let error = Simulation::new(&library, setup).err().unwrap();
         assert_eq!(error, SimulationError::FootprintTooSmall { asked: footprint, least });
     }
-    for policy in PolicyName::ALL {
-        for storage in StorageModel::ALL {
-            let mut before_px_s = f64::INFINITY;
-            for footprint in [least].into_iter().chain(workable.iter().copied()) {
-                let flown =
-                    flown(&library, &path, with_policy(policy, Setup { footprint, ..Setup::new(storage, STEP_S) }));
-                let (debt_px_s, last) = (flown.debt_px_s(0.0), &flown.last.report);
-                assert!(flown.settled_s.is_some(), "{policy} over {storage} within {footprint} never rests: {last:?}");
+    for storage in StorageModel::ALL {
+        let mut all: Vec<(ByteSize, [f64; 6])> = Vec::new();
+        for footprint in [least].into_iter().chain(workable.iter().copied()) {
+            let debts = PolicyName::ALL.map(|policy| debt_within(&library, &path, policy, storage, footprint));
+            println!("{storage:>6} {footprint:>9}: {debts:.3?} px·s");
+            for (less, small) in all.iter().filter(|(less, _)| 2 * less.0 <= footprint.0) {
+                let sums = [small.iter().sum::<f64>(), debts.iter().sum()];
                 assert!(
-                    last.lack == Lack::Memory || last.excess_max_px == 0.0,
-                    "{policy} {storage} {footprint}: {last:?}"
+                    sums[1] <= LESS_IS_SOONER * sums[0] + 0.05,
+                    "{storage}, {less}: {small:?}, {footprint}: {debts:?}"
                 );
-                let raised_px = flown.reports.iter().map(|report| report.tolerance_drawn_px).fold(1.0, f64::max);
-                println!("{policy:>9} {storage:>6} {footprint:>9} debt {debt_px_s:9.3} px·s, raised {raised_px:.2}",);
-                // What is dropped and what is kept for later differs with the room, so that single pages may come a
-                // little later with more of it.
-                if debt_px_s > before_px_s * 1.05 + 0.05 {
-                    println!("RISES");
-                }
-                before_px_s = debt_px_s;
+                let alike = small.iter().zip(&debts).all(|(small, large)| *large <= 2.0 * small + 0.05);
+                assert!(alike, "{storage}, {less}: {small:?}, {footprint}: {debts:?}");
             }
+            all.push((footprint, debts));
         }
+        let [first, last] = [all[0].1, all[all.len() - 1].1].map(|debts| debts.iter().sum::<f64>());
+        assert!(first > 1.5 * last, "{storage}: from {last} px·s with all room to {first} px·s with the least");
     }
+}
+
+/// Debt grows as the footprint shrinks, but for this: less room raises the tolerance, a coarser front is sooner there, and
+/// over a slow link policies that ask for the whole front, whatever it takes, are better off with it.
+const LESS_IS_SOONER: f64 = 1.25;
+
+fn debt_within(
+    library: &Library,
+    path: &Arc<FlightPath>,
+    policy: PolicyName,
+    storage: StorageModel,
+    footprint: ByteSize,
+) -> f64 {
+    let flown = flown(library, path, with_policy(policy, Setup { footprint, ..Setup::new(storage, STEP_S) }));
+    let last = &flown.last.report;
+    assert!(flown.settled_s.is_some(), "{policy} over {storage} within {footprint} never rests: {last:?}");
+    assert!(last.lack == Lack::Memory || last.excess_max_px == 0.0, "{policy} over {storage} {footprint}: {last:?}");
+    flown.debt_px_s(0.0)
 }
 
 #[test]
@@ -222,15 +236,14 @@ fn faults_delay_and_never_stop_a_flight() {
                 let setup = with_policy(policy, Setup { faults, seed: 11, ..Setup::new(storage, STEP_S) });
                 let flown = flown(&library, &path, setup);
                 let last = &flown.last.report;
-                if flown.settled_s.is_none() {
-                    println!("LIVELOCK {policy} {storage} {text} {last:?}");
-                }
+                assert!(flown.settled_s.is_some(), "{policy} over {storage} with {text} never rests: {last:?}");
                 // Settled means that what failed often is not waited for; at these shares nothing does so for long.
                 assert!(
                     last.excess_max_px == 0.0 || faults.errors > 0.1,
                     "{policy} over {storage} with {text}: {last:?}"
                 );
-                let fails = faults.errors > 0.1 || faults.die_s.is_some();
+                // Who has fetched all ahead does not notice that a server dies.
+                let fails = faults.errors > 0.1 || (faults.die_s.is_some() && policy == PolicyName::Demand);
                 assert!(!fails || flown.failed() > 0, "{policy} over {storage} with {text}: nothing failed");
             }
         }
@@ -353,15 +366,17 @@ fn pages_of_one_range_come_one_by_one() {
 #[test]
 fn foresight_is_ahead_of_demand_and_not_far_behind_who_knows_the_way() {
     let library = library();
-    for (storage, path) in [StorageModel::WAN, StorageModel::MOBILE]
-        .iter()
-        .flat_map(|m| [3.0, 4.0, 5.0, 8.0].map(|d| (*m, dive(LAT_DEG, LON_DEG, [4e6, 600.0], -60.0, d))))
-    {
-        let [demand, foresight, oracle] = [PolicyName::Demand, PolicyName::Foresight, PolicyName::Oracle]
-            .map(|policy| flown(&library, &path, with_policy(policy, Setup::new(storage, STEP_S))).debt_px_s(2.0));
-        println!("{storage}: demand {demand:.4}, foresight {foresight:.4}, oracle {oracle:.4} px·s");
-        assert!(foresight <= demand, "{storage}: {foresight} {demand}");
-        assert!(oracle <= 1.05 * foresight + 0.01, "{storage}: {oracle} {foresight}");
+    let dives = [3.0, 4.0, 6.0].map(|duration_s| dive(LAT_DEG, LON_DEG, [4e6, 600.0], -60.0, duration_s));
+    let ways = [1, 2, 3, 4, 5].map(|seed| wander(seed, LAT_DEG, LON_DEG, 8.0));
+    for (number, path) in dives.iter().chain(&ways).enumerate() {
+        let [demand, foresight, oracle] =
+            [PolicyName::Demand, PolicyName::Foresight, PolicyName::Oracle].map(|policy| {
+                flown(&library, path, with_policy(policy, Setup::new(StorageModel::WAN, STEP_S))).debt_px_s(2.0)
+            });
+        println!("over {} s: demand {demand:.4}, foresight {foresight:.4}, oracle {oracle:.4} px·s", path.duration_s());
+        assert!(foresight <= demand && demand > 0.0, "{foresight} {demand}");
+        let is_dive = number < dives.len();
+        assert!(!is_dive || oracle <= 1.05 * foresight + 0.01, "{oracle} {foresight}");
     }
 }
 
