@@ -232,7 +232,11 @@ fn faults_delay_and_never_stop_a_flight() {
     for text in ["errors=0.01", "errors=0.3", "spike_ms=2000,spikes=0.05", "die_s=1,revive_s=4", "halve_s=1"] {
         let faults: Faults = text.parse().unwrap();
         for storage in StorageModel::ALL {
-            for policy in PolicyName::ALL {
+            // All policies over one model, the plainest and the one by default over all.
+            let plain = [PolicyName::Demand, PolicyName::Foresight];
+            let policies =
+                PolicyName::ALL.into_iter().filter(|policy| storage == StorageModel::WAN || plain.contains(policy));
+            for policy in policies {
                 let setup = with_policy(policy, Setup { faults, seed: 11, ..Setup::new(storage, STEP_S) });
                 let flown = flown(&library, &path, setup);
                 let last = &flown.last.report;
@@ -368,15 +372,14 @@ fn foresight_is_ahead_of_demand_and_not_far_behind_who_knows_the_way() {
     let library = library();
     let dives = [3.0, 4.0, 6.0].map(|duration_s| dive(LAT_DEG, LON_DEG, [4e6, 600.0], -60.0, duration_s));
     let ways = [1, 2, 3, 4, 5].map(|seed| wander(seed, LAT_DEG, LON_DEG, 8.0));
-    for (number, path) in dives.iter().chain(&ways).enumerate() {
+    for path in dives.iter().chain(&ways) {
         let [demand, foresight, oracle] =
             [PolicyName::Demand, PolicyName::Foresight, PolicyName::Oracle].map(|policy| {
                 flown(&library, path, with_policy(policy, Setup::new(StorageModel::WAN, STEP_S))).debt_px_s(2.0)
             });
         println!("over {} s: demand {demand:.4}, foresight {foresight:.4}, oracle {oracle:.4} px·s", path.duration_s());
         assert!(foresight <= demand && demand > 0.0, "{foresight} {demand}");
-        let is_dive = number < dives.len();
-        assert!(!is_dive || oracle <= 1.05 * foresight + 0.01, "{oracle} {foresight}");
+        assert!(oracle <= 1.05 * foresight + 0.01, "{oracle} {foresight}");
     }
 }
 

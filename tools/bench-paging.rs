@@ -112,7 +112,7 @@ impl Scene {
 
     /// The same view in a world of as many cells.
     fn of_world(nodes: u64) -> Self {
-        Self::new(&forest(8, nodes), 1.0)
+        Self::new(&forest(8, nodes), 0.25)
     }
 
     fn new(forest: &SyntheticForest, tolerance_px: f64) -> Self {
