@@ -65,6 +65,10 @@ struct Simulation {
     limits: Limits,
     under_way: Vec<(PageId, Place, bool)>,
     resident: BTreeMap<PageId, u64>,
+    /// The update in which a resident page left the demands; those that are demanded are not here.
+    left: BTreeMap<PageId, u64>,
+    updates: u64,
+    wanted: BTreeSet<PageId>,
     broken: BTreeSet<PageId>,
     log: Vec<String>,
     now_secs: f64,
@@ -77,6 +81,9 @@ impl Simulation {
             limits,
             under_way: Vec::new(),
             resident: BTreeMap::new(),
+            left: BTreeMap::new(),
+            updates: 0,
+            wanted: BTreeSet::new(),
             broken: BTreeSet::new(),
             log: Vec::new(),
             now_secs: 0.0,
@@ -86,6 +93,7 @@ impl Simulation {
     fn update(&mut self, demands: &[Demand]) -> Vec<Command> {
         self.now_secs += 0.1;
         let commands = self.manager.update(demands, self.now_secs);
+        self.note_left(demands);
         for command in &commands {
             self.log.push(format!("{command:?}"));
             match *command {
@@ -107,12 +115,38 @@ impl Simulation {
                 Command::Evict(page) => {
                     let wanted = demands.iter().find(|demand| demand.page == page);
                     assert!(wanted.is_none_or(|demand| demand.urgency == Urgency::Predicted), "the front is dropped");
+                    self.check_order(page, wanted, demands);
+                    self.left.remove(&page);
                     assert!(self.resident.remove(&page).is_some(), "what is not there is dropped");
                 }
             }
         }
         self.check();
         commands
+    }
+
+    fn note_left(&mut self, demands: &[Demand]) {
+        self.updates += 1;
+        self.wanted = demands.iter().map(|demand| demand.page).collect();
+        self.left.retain(|page, _| !self.wanted.contains(page));
+        for page in self.resident.keys().filter(|page| !self.wanted.contains(page)) {
+            self.left.entry(*page).or_insert(self.updates);
+        }
+    }
+
+    /// Rest before predicted before front; of the rest what left the demands first, of what is predicted the least gain.
+    fn check_order(&self, dropped: PageId, wanted: Option<&Demand>, demands: &[Demand]) {
+        let Some(wanted) = wanted else {
+            let first = self.left.iter().map(|(page, update)| (*update, *page)).min();
+            assert_eq!(Some(dropped), first.map(|(_, page)| page), "what is longest unused goes first");
+            return;
+        };
+        assert!(self.left.is_empty(), "what is predicted is dropped before {:?}", self.left);
+        let predicted = demands.iter().filter(|demand| demand.urgency == Urgency::Predicted);
+        let stays = predicted.filter(|demand| self.resident.contains_key(&demand.page));
+        for other in stays {
+            assert!(other.gain >= wanted.gain, "{other:?} stays and {wanted:?} goes");
+        }
     }
 
     /// Answers one request; `fate` chooses which, and how.
@@ -129,6 +163,9 @@ impl Simulation {
         };
         if let Completion::Loaded { bytes } = completion {
             self.resident.insert(page, bytes);
+            if !self.wanted.contains(&page) {
+                self.left.insert(page, self.updates);
+            }
         }
         if completion == Completion::Broken {
             self.broken.insert(page);

@@ -4,8 +4,8 @@
 mod made_up;
 
 use made_up::flights::{dive, path, pose, wander};
-use made_up::random::{AnyPage, pages_of};
-use made_up::{Plan, build, is_near};
+use made_up::random::{AnyPage, page_as_stored, pages_of};
+use made_up::{Plan, build, is_near, with_roots};
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
@@ -15,6 +15,7 @@ use stoop::engine::Source;
 use stoop::forest::CellId;
 use stoop::forest::index::{IndexForest, Place};
 use stoop::paging::{FrameReport, Lack, PageState, PlannerParams, PolicyName, drawn_pages};
+use stoop::select::{ObjectsMode, OutOfView, SelectParams, select};
 use stoop::simulate::{Frame, Library, Setup, Simulation, SimulationError};
 use stoop::storage::{Disk, Faults, PartOutcome, Request, StorageModel};
 use stoop::store::World;
@@ -28,6 +29,10 @@ const REST_MAX_S: f64 = 90.0;
 /// At rest is who has nothing under way and lacks nothing for so long.
 const QUIET_S: f64 = 0.6;
 const MIB: u64 = 1 << 20;
+
+/// Those of [`Setup::new`].
+const PARAMS: SelectParams =
+    SelectParams { tolerance_px: 1.0, threshold_px: 1.0, objects: ObjectsMode::Groups, out_of_view: OutOfView::Left };
 
 /// Terrain and pictures round a place, and pages of objects at it.
 fn world() -> IndexForest {
@@ -145,30 +150,43 @@ fn every_policy_keeps_every_footprint_on_every_model_and_comes_to_rest() {
         let error = Simulation::new(&library, setup).err().unwrap();
         assert_eq!(error, SimulationError::FootprintTooSmall { asked: footprint, least });
     }
-    for policy in PolicyName::ALL {
-        for storage in StorageModel::ALL {
-            let mut before_px_s = f64::INFINITY;
-            for footprint in [least].into_iter().chain(workable.iter().copied()) {
-                let flown =
-                    flown(&library, &path, with_policy(policy, Setup { footprint, ..Setup::new(storage, STEP_S) }));
-                let (debt_px_s, last) = (flown.debt_px_s(0.0), &flown.last.report);
-                assert!(flown.settled_s.is_some(), "{policy} over {storage} within {footprint} never rests: {last:?}");
+    for storage in StorageModel::ALL {
+        let mut all: Vec<(ByteSize, [f64; 6])> = Vec::new();
+        for footprint in [least].into_iter().chain(workable.iter().copied()) {
+            let debts = PolicyName::ALL.map(|policy| debt_within(&library, &path, policy, storage, footprint));
+            println!("{storage:>6} {footprint:>9}: {debts:.3?} px·s");
+            for (less, small) in all.iter().filter(|(less, _)| 2 * less.0 <= footprint.0) {
+                let sums = [small.iter().sum::<f64>(), debts.iter().sum()];
                 assert!(
-                    last.lack == Lack::Memory || last.excess_max_px == 0.0,
-                    "{policy} {storage} {footprint}: {last:?}"
+                    sums[1] <= LESS_IS_SOONER * sums[0] + 0.05,
+                    "{storage}, {less}: {small:?}, {footprint}: {debts:?}"
                 );
-                let raised_px = flown.reports.iter().map(|report| report.tolerance_drawn_px).fold(1.0, f64::max);
-                println!("{policy:>9} {storage:>6} {footprint:>9} debt {debt_px_s:9.3} px·s, raised {raised_px:.2}",);
-                // What is dropped and what is kept for later differs with the room, so that single pages may come a
-                // little later with more of it.
-                assert!(
-                    debt_px_s <= before_px_s * 1.05 + 0.05,
-                    "{policy} {storage} {footprint}: {debt_px_s} {before_px_s}"
-                );
-                before_px_s = debt_px_s;
+                let alike = small.iter().zip(&debts).all(|(small, large)| *large <= 2.0 * small + 0.05);
+                assert!(alike, "{storage}, {less}: {small:?}, {footprint}: {debts:?}");
             }
+            all.push((footprint, debts));
         }
+        let [first, last] = [all[0].1, all[all.len() - 1].1].map(|debts| debts.iter().sum::<f64>());
+        assert!(first > 1.5 * last, "{storage}: from {last} px·s with all room to {first} px·s with the least");
     }
+}
+
+/// Debt grows as the footprint shrinks, but for this: less room raises the tolerance, a coarser front is sooner there, and
+/// over a slow link policies that ask for the whole front, whatever it takes, are better off with it.
+const LESS_IS_SOONER: f64 = 1.25;
+
+fn debt_within(
+    library: &Library,
+    path: &Arc<FlightPath>,
+    policy: PolicyName,
+    storage: StorageModel,
+    footprint: ByteSize,
+) -> f64 {
+    let flown = flown(library, path, with_policy(policy, Setup { footprint, ..Setup::new(storage, STEP_S) }));
+    let last = &flown.last.report;
+    assert!(flown.settled_s.is_some(), "{policy} over {storage} within {footprint} never rests: {last:?}");
+    assert!(last.lack == Lack::Memory || last.excess_max_px == 0.0, "{policy} over {storage} {footprint}: {last:?}");
+    flown.debt_px_s(0.0)
 }
 
 #[test]
@@ -214,7 +232,11 @@ fn faults_delay_and_never_stop_a_flight() {
     for text in ["errors=0.01", "errors=0.3", "spike_ms=2000,spikes=0.05", "die_s=1,revive_s=4", "halve_s=1"] {
         let faults: Faults = text.parse().unwrap();
         for storage in StorageModel::ALL {
-            for policy in PolicyName::ALL {
+            // All policies over one model, the plainest and the one by default over all.
+            let plain = [PolicyName::Demand, PolicyName::Foresight];
+            let policies =
+                PolicyName::ALL.into_iter().filter(|policy| storage == StorageModel::WAN || plain.contains(policy));
+            for policy in policies {
                 let setup = with_policy(policy, Setup { faults, seed: 11, ..Setup::new(storage, STEP_S) });
                 let flown = flown(&library, &path, setup);
                 let last = &flown.last.report;
@@ -224,7 +246,8 @@ fn faults_delay_and_never_stop_a_flight() {
                     last.excess_max_px == 0.0 || faults.errors > 0.1,
                     "{policy} over {storage} with {text}: {last:?}"
                 );
-                let fails = faults.errors > 0.1 || faults.die_s.is_some();
+                // Who has fetched all ahead does not notice that a server dies.
+                let fails = faults.errors > 0.1 || (faults.die_s.is_some() && policy == PolicyName::Demand);
                 assert!(!fails || flown.failed() > 0, "{policy} over {storage} with {text}: nothing failed");
             }
         }
@@ -243,22 +266,28 @@ fn corrupt_pages_are_counted_once_and_never_drawn() {
         for (number, policy) in PolicyName::ALL.into_iter().enumerate() {
             let storage = StorageModel::ALL[number % StorageModel::ALL.len()];
             let setup = with_policy(policy, Setup { faults, seed, ..Setup::new(storage, STEP_S) });
-            let mut met = 0;
+            let (mut met, mut there): (u64, BTreeSet<PageId>) = (0, BTreeSet::new());
             let flown = fly(&library, &path, setup, |frame, simulation| {
                 assert!(drawn_pages(&frame.selection).all(|page| !corrupt.contains(&page)));
                 let failed = |(page, _): &&(PageId, Place)| simulation.manager().state(*page) == PageState::Failed;
                 met = pages.iter().filter(failed).count() as u64;
-                let lacks = |page: PageId| !simulation.manager().is_resident(page) && !corrupt.contains(&page);
-                let lacking = frame.selection.demands.iter().any(|demand| lacks(demand.page));
-                assert!(lacking || frame.report.pages_missing as usize <= corrupt.len());
+                let resident = |page: &PageId| simulation.manager().is_resident(*page);
+                there = pages.iter().map(|(page, _)| *page).filter(resident).collect();
             })
             .unwrap();
             assert_eq!(flown.failed(), met, "{policy}: each is read once");
             assert!(share < 0.1 || met > 0, "{policy} met none of {}", corrupt.len());
             assert!(flown.settled_s.is_some(), "{policy} over {storage} never rests");
-            let absent = flown.last.report.pages_missing;
-            assert!(absent as u64 <= met, "{policy}: {absent} pages lack, {met} are corrupt");
-            assert!(absent > 0 || flown.last.report.excess_max_px == 0.0);
+            // With the corrupt ones there as well, nothing would lack.
+            let mut cells = with_roots(&library.index);
+            pages.iter().filter(|(page, _)| there.contains(page) || corrupt.contains(page)).for_each(
+                |(page, place)| {
+                    cells.insert(&page_as_stored(*page, *place));
+                },
+            );
+            let whole = select(&library.index, &cells, &flown.last.view, &PARAMS);
+            assert_eq!(whole.stats.excess_max_px, 0.0, "{policy} over {storage}: more lacks than {met} corrupt pages");
+            assert!(met > 0 || flown.last.report.excess_max_px == 0.0);
         }
     }
 }
@@ -341,16 +370,16 @@ fn pages_of_one_range_come_one_by_one() {
 #[test]
 fn foresight_is_ahead_of_demand_and_not_far_behind_who_knows_the_way() {
     let library = library();
-    let path = dive(LAT_DEG, LON_DEG, [4e6, 600.0], -60.0, 12.0);
-    for (storage, path) in [StorageModel::WAN, StorageModel::LAN]
-        .iter()
-        .flat_map(|m| [3.0, 5.0, 8.0].map(|d| (*m, dive(LAT_DEG, LON_DEG, [4e6, 600.0], -60.0, d))))
-    {
-        let [demand, foresight, oracle] = [PolicyName::Demand, PolicyName::Foresight, PolicyName::Oracle]
-            .map(|policy| flown(&library, &path, with_policy(policy, Setup::new(storage, STEP_S))).debt_px_s(2.0));
-        println!("{storage}: demand {demand:.4}, foresight {foresight:.4}, oracle {oracle:.4} px·s");
-        assert!(foresight <= demand, "{storage}: {foresight} {demand}");
-        assert!(oracle <= 1.05 * foresight + 0.01, "{storage}: {oracle} {foresight}");
+    let dives = [3.0, 4.0, 6.0].map(|duration_s| dive(LAT_DEG, LON_DEG, [4e6, 600.0], -60.0, duration_s));
+    let ways = [1, 2, 3, 4, 5].map(|seed| wander(seed, LAT_DEG, LON_DEG, 8.0));
+    for path in dives.iter().chain(&ways) {
+        let [demand, foresight, oracle] =
+            [PolicyName::Demand, PolicyName::Foresight, PolicyName::Oracle].map(|policy| {
+                flown(&library, path, with_policy(policy, Setup::new(StorageModel::WAN, STEP_S))).debt_px_s(2.0)
+            });
+        println!("over {} s: demand {demand:.4}, foresight {foresight:.4}, oracle {oracle:.4} px·s", path.duration_s());
+        assert!(foresight <= demand && demand > 0.0, "{foresight} {demand}");
+        assert!(oracle <= 1.05 * foresight + 0.01, "{oracle} {foresight}");
     }
 }
 

@@ -25,15 +25,25 @@ pub fn dive(lat_deg: f64, lon_deg: f64, heights_m: [f64; 2], pitch_deg: f64, dur
     }))
 }
 
-/// A way through random places near one, at heights from 50 m to 5,000 km.
+/// A way through random places near one, at heights from 300 m to 3,000 km: from stop to stop by equal shares of the
+/// height, slow at both ends.
 pub fn wander(seed: u64, lat_deg: f64, lon_deg: f64, duration_s: f64) -> Arc<FlightPath> {
-    const STOPS: u64 = 5;
-    path((0..STOPS).map(|stop| {
+    const LEGS: u64 = 4;
+    const STEPS: u64 = 30;
+    let stop = |stop: u64| {
         let random = |draw: u64| unit(seed, stop * 8 + draw);
-        let height_m = 50.0 * 1e5f64.powf(random(0));
-        let off_deg = (height_m / 111e3).min(5.0);
+        let log_height = 300f64.ln() + 1e4f64.ln() * random(0);
+        let off_deg = (log_height.exp() / 111e3).min(5.0);
         let (north_deg, east_deg) = (off_deg * (random(1) - 0.5), off_deg * (random(2) - 0.5));
-        let pose = pose(lat_deg + north_deg, lon_deg + east_deg, height_m, 360.0 * random(3), -90.0 * random(4));
-        (duration_s * stop as f64 / (STOPS - 1) as f64, pose)
+        [lat_deg + north_deg, lon_deg + east_deg, log_height, 360.0 * random(3), -90.0 * random(4)]
+    };
+    path((0..=LEGS * STEPS).map(|step| {
+        let (from, to) = (stop(step / STEPS), stop(step / STEPS + 1));
+        let way = (step % STEPS) as f64 / STEPS as f64;
+        let share = way * way * (3.0 - 2.0 * way);
+        let [lat_deg, lon_deg, log_height, heading_deg, pitch_deg] =
+            std::array::from_fn(|at| from[at] + share * (to[at] - from[at]));
+        let pose = pose(lat_deg, lon_deg, log_height.exp(), heading_deg, pitch_deg);
+        (duration_s * step as f64 / (LEGS * STEPS) as f64, pose)
     }))
 }
