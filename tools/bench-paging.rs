@@ -39,6 +39,7 @@ const VIEWS: usize = 32;
 /// Room for all pages, and as many of them under way as are asked for.
 const LIMITS: Limits = Limits {
     footprint_bytes: 1 << 40,
+    bytes_in_flight: u64::MAX,
     in_flight: 1 << 20,
     pages_in_flight: 1 << 20,
     read_bytes_per_update: 1 << 40,
