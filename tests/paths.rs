@@ -1,6 +1,8 @@
 //! The committed flights that paging policies are compared on (`tools/make-test-paths.py` makes them) are what they
 //! promise to be. That they fly over ground and beside buildings needs their world; the generator checks it.
 
+#![allow(clippy::unwrap_used, reason = "a test that cannot go on should stop")]
+
 use std::collections::BTreeSet;
 use std::fs;
 use std::ops::RangeInclusive;
