@@ -174,11 +174,12 @@ impl Foresight {
         let mut plan: Vec<Demand> = outlook
             .pages
             .iter()
-            .filter(|(_, prospect)| prospect.gain > 0.0)
+            // In view by its box alone, a page promises nothing, and the front is whole only with it: it comes last.
+            .filter(|(_, prospect)| prospect.gain > 0.0 || prospect.is_next)
             .map(|(&page, prospect)| Demand {
                 page,
                 place: prospect.place,
-                urgency: if prospect.is_next { Urgency::Visible } else { Urgency::Predicted },
+                urgency: if prospect.is_next && prospect.gain > 0.0 { Urgency::Visible } else { Urgency::Predicted },
                 gain: if self.params.per_byte {
                     prospect.gain / f64::from(prospect.place.len.max(1))
                 } else {
