@@ -342,7 +342,7 @@ fn a_virtual_flight_shows_what_its_pages_show() {
     let (_folder, at) = world_on_disk();
     let times = ["--at-secs", "0,1.5,3"];
     let (names, fast) = fly_into(&at, "fast", &[&["--virtual", "ssd"], &times[..]].concat());
-    let (_, slow) = fly_into(&at, "slow", &[&["--virtual", "200,0.02,1"], &times[..]].concat());
+    let (_, slow) = fly_into(&at, "slow", &[&["--virtual", "150,0.1,2"], &times[..]].concat());
     let (_, settled) = fly_into(&at, "settled", &[&["--settled"], &times[..]].concat());
     assert_eq!(names, ["t0000.00.png", "t0001.50.png", "t0003.00.png"]);
     let picture = |folder: &str, name: &str| pixels(&at(&format!("{folder}/frames/{name}")));
