@@ -345,7 +345,8 @@ fn a_virtual_flight_shows_what_its_pages_show() {
     assert_eq!(names, ["t0000.00.png", "t0001.50.png", "t0003.00.png"]);
     let picture = |folder: &str, name: &str| pixels(&at(&format!("{folder}/frames/{name}")));
     assert_eq!(picture("fast", "t0003.00.png"), picture("settled", "t0003.00.png"));
-    assert_ne!(picture("slow", "t0003.00.png"), picture("settled", "t0003.00.png"), "coarser pages show");
+    let differs = |name: &&String| picture("slow", name) != picture("settled", name);
+    assert!(names.iter().any(|name| differs(&name)), "coarser pages show");
     assert!(slow["debt_px"]["mean"].as_f64() > fast["debt_px"]["mean"].as_f64());
     for report in [&fast, &slow] {
         assert_eq!((&report["audited_frames"], &report["holes"]), (&report["frames"], &0.into()), "{report}");
