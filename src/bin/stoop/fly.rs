@@ -40,7 +40,7 @@ Storage models: latency in ms, MB (10^6 bytes) a second in all, requests served 
 
 Policies (--policy): what is fetched ahead of the front, and in which order
   demand           nothing: the front only
-  front            rings around the view, by priority (Varadhan & Manocha 2002)
+  front            a view that is widened as it turns, by priority (Varadhan & Manocha 2002)
   range            all that an observer may reach within the next frames (Funkhouser 1996)
   vgis             the front where the eye will be after the lead time (Davis et al. 1999)
   foresight        the default: by expected fall of detail debt per byte over the views that are foretold
@@ -51,7 +51,7 @@ Their parameters are JSON (--policy-params), by policy; names that do not exist 
 Files:
   DIR/t0012.00.png         the picture at 12 s (--frames)
   DIR/t0012.00.ids.npy     with --aov: NumPy u32, height x width, rows from the top: what each pixel shows; 0 is the sky
-  DIR/t0012.00.ids.json    what those ids stand for: {\"17\": {\"cell\": \"12/3/1/5\"}, \"9\": {\"page\": ..., \"object\": 4}}
+  DIR/t0012.00.ids.json    what those ids stand for: {\"17\": {\"cell\": \"12/3/1/5\"}, \"9\": {\"collection\": \"houses\", \"object\": 4}}
   DIR/t0012.00.depth.npy   NumPy f32: metres from the eye along the view direction; inf is the sky
   FILE.json                the report (--report); frames.csv and timings.csv are written beside it
 

@@ -18,6 +18,7 @@ use stoop::window::{self, Bookmark, WindowOptions};
 const DEFAULT_WORLDS: [&str; 2] = ["tiles/default/world", "share/stoop/default"];
 
 #[derive(clap::Args)]
+#[group(skip)]
 pub struct Arguments {
     /// Folder of the world to open in a window; the default world when none is named
     #[arg(value_name = "WORLD")]

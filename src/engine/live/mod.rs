@@ -126,8 +126,16 @@ impl Live {
         let (wake, woken) = bounded(1);
         let remote = Remote::new(shared.clone(), to_render, from_render);
         let order = Order { view, t_s: 0.0, at: Instant::now(), params, time: None, way: None };
-        let mut scene_thread =
-            SceneThread { scene, remote, shared: shared.clone(), wake: woken, messages: to_show, notify, order };
+        let mut scene_thread = SceneThread {
+            scene,
+            remote,
+            shared: shared.clone(),
+            wake: woken,
+            messages: to_show,
+            notify,
+            order,
+            again: None,
+        };
         tell_usage(&shared, &renderer);
         let list = Box::new(scene_thread.make_list());
         let mut live = Self {

@@ -6,6 +6,7 @@ use super::{Notify, Shared};
 use crate::engine::FrameTimings;
 use crate::engine::scene::Scene;
 use crate::paging::{KnownWay, PageState};
+use crate::select::{Demand, Urgency};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
 use std::sync::Arc;
 use std::sync::atomic::Ordering;
@@ -13,6 +14,9 @@ use std::time::{Duration, Instant};
 
 /// How often arrivals are looked for while pages are under way.
 const LOOK_EVERY: Duration = Duration::from_millis(4);
+/// So long after the last news there is one more step: policies plan less often than steps come, and what they have not
+/// asked for yet would wait for an eye that moves.
+const PLAN_AGAIN: Duration = Duration::from_millis(100);
 /// How often a scene at rest looks whether a failed page may be tried again.
 const REST: Duration = Duration::from_millis(250);
 
@@ -25,22 +29,34 @@ pub(super) struct SceneThread {
     pub messages: Sender<String>,
     pub notify: Notify,
     pub order: Order,
+    /// When the step after the last news is due.
+    pub again: Option<Instant>,
 }
 
 impl SceneThread {
     pub fn run(mut self) {
         loop {
-            let wait = if self.scene.is_busy() { LOOK_EVERY } else { REST };
+            let wait = self.wait();
             match self.wake.recv_timeout(wait) {
                 Err(RecvTimeoutError::Disconnected) => return,
                 Ok(()) | Err(RecvTimeoutError::Timeout) => {}
             }
             let news = self.take_order() | self.receive() | self.remote.confirm();
-            if news || self.scene.wants_step(self.now_s()) {
+            let again = self.again.is_some_and(|again| again <= Instant::now());
+            if news || again {
+                self.again = news.then(|| Instant::now() + PLAN_AGAIN);
+            }
+            if news || again || self.scene.wants_step(self.now_s()) {
                 self.step();
             }
             drop(self.shared.spent.take());
         }
+    }
+
+    /// How long nothing has to be looked for.
+    fn wait(&self) -> Duration {
+        let wait = if self.scene.is_busy() { LOOK_EVERY } else { REST };
+        self.again.map_or(wait, |again| wait.min(again.saturating_duration_since(Instant::now())))
     }
 
     /// Time on the flight's clock: it goes on between orders, for pages that are to be tried again.
@@ -87,8 +103,11 @@ impl SceneThread {
         let (number, changes) = self.remote.publish();
         let totals = self.scene.totals();
         let manager = &self.scene.residency.manager;
-        let wanted = chosen.selection.demands.iter().map(|demand| (demand.page, manager.state(demand.page)));
-        let lacking = wanted.filter(|(_, state)| *state != PageState::Resident).collect();
+        let wanted = chosen.selection.demands.iter().map(|demand| (demand, manager.state(demand.page)));
+        // Ground on the way to finer ground that is not asked for lacks nowhere.
+        let is_passed = |demand: &Demand, state| demand.urgency == Urgency::Blocking && state == PageState::Absent;
+        let lacks = |(demand, state): &(&Demand, _)| *state != PageState::Resident && !is_passed(demand, *state);
+        let lacking = wanted.filter(lacks).map(|(demand, state)| (demand.page, state)).collect();
         let since = |since_s: f64| Instant::now().checked_sub(Duration::try_from_secs_f64(now_s - since_s).ok()?);
         let awaited_since = manager.awaited_since_secs().and_then(since);
         let (pages, selection) = (manager.page_counts(), chosen.selection);

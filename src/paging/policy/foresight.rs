@@ -77,6 +77,8 @@ impl ForesightParams {
 
 /// What a segment of the index counts for each view that needs it, px·s: above all pages.
 const SEGMENT_GAIN: f64 = 1e12;
+/// What a region of the next view counts that has no share of the screen.
+const SHARE_MIN: f64 = 1e-9;
 /// Views foretold at most.
 const VIEWS_MAX: u32 = 64;
 /// What a page counts that is held and would not be missed: it is the last to be asked for, and the first to go.
@@ -277,7 +279,9 @@ impl Outlook {
             }
         }
         let steps = from..self.steps.len();
-        let weight = region.share;
+        // The front is whole only with what is in view by its box alone: that comes last.
+        let weight = if is_due { region.share.max(SHARE_MIN) } else { region.share };
+        let is_due = is_due && region.share > 0.0;
         self.wishes.push(Wish { layer, weight, excess_px: now_px, is_due, keeps, steps });
     }
 

@@ -26,7 +26,6 @@ use std::str::FromStr;
 #[serde(rename_all = "lowercase")]
 pub enum PolicyName {
     /// The front only.
-    #[default]
     Demand,
     /// Varadhan & Manocha 2002.
     Front,
@@ -35,6 +34,7 @@ pub enum PolicyName {
     /// Davis et al. 1999.
     Vgis,
     /// Ours.
+    #[default]
     Foresight,
     /// Ours, told the path beforehand; for comparison only.
     Oracle,
