@@ -82,3 +82,65 @@ impl<'a> Lookahead<'a> {
         predicted(queue.into_iter().map(|(page, ahead)| (coarsest - ahead.coarser, page, ahead.place)))
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::content::PageKind;
+    use crate::forest::{CellId, Zone};
+    use crate::paging::{Completion, Event, Limits};
+
+    const LIMITS: Limits = Limits {
+        footprint_bytes: 64 << 20,
+        in_flight: 8,
+        pages_in_flight: 8,
+        read_bytes_per_update: 1 << 20,
+        run_bytes: 0,
+        gap_bytes: 0,
+    };
+
+    fn want(n: u32, coarser: u32) -> Want {
+        let cell = CellId::new(Zone::new(18).unwrap(), 10, n, 0).unwrap();
+        let place = Place::new(u64::from(n) * 1000, 1000).unwrap();
+        Want { page: PageId { cell, kind: PageKind::Terrain }, place, coarser }
+    }
+
+    fn lookahead(manager: &RequestManager, read_left: f64, held_left: f64) -> Lookahead<'_> {
+        Lookahead { manager, pages: HashMap::new(), read_left, held_left, wants_left: WANTS_MAX }
+    }
+
+    fn order(lookahead: Lookahead<'_>) -> Vec<u32> {
+        let demands = lookahead.into_demands();
+        assert!(demands.windows(2).all(|pair| pair[0].gain > pair[1].gain));
+        demands.iter().map(|demand| demand.page.cell.xy().0).collect()
+    }
+
+    #[test]
+    fn coarse_comes_before_fine_and_then_what_is_seen_first() {
+        let manager = RequestManager::new(LIMITS).unwrap();
+        let mut set = lookahead(&manager, 1e9, 1e9);
+        assert!(set.add(&[want(5, 1), want(3, 0), want(2, 0)], 0.0));
+        assert!(set.add(&[want(9, 2), want(4, 1), want(3, 0), want(1, 0)], 7.0));
+        // 2 turns out to be a coarser page of what is seen later: it comes earlier, among its like by its own time.
+        assert!(set.add(&[want(2, 1), want(0, 0)], 12.0));
+        assert_eq!(order(set), [9, 2, 5, 4, 3, 1, 0]);
+    }
+
+    #[test]
+    fn what_is_there_takes_memory_but_need_not_be_read() {
+        let mut manager = RequestManager::new(LIMITS).unwrap();
+        let there = want(0, 0);
+        let demands = [&there].map(|want| predicted([(0, want.page, want.place)].into_iter())[0]);
+        assert_eq!(manager.update(&demands, 0.0).len(), 1);
+        manager.complete(Event { page: there.page, completion: Completion::Loaded { bytes: 5000 } }, 0.1);
+        let all = [there, want(1, 0), want(2, 0), want(3, 0)];
+        // Two pages of 1,000 bytes use up 1,500; the third is not taken any more.
+        let mut set = lookahead(&manager, 1500.0, 1e9);
+        assert!(!set.add(&all, 0.0));
+        assert_eq!(order(set), [0, 1, 2]);
+        let each = Estimator::new().bytes(PageKind::Terrain, there.place) as f64;
+        let mut set = lookahead(&manager, 1e9, 1.5 * each);
+        assert!(!set.add(&all, 0.0));
+        assert_eq!(order(set), [0, 1]);
+    }
+}
