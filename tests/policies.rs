@@ -10,7 +10,7 @@ use stoop::camera::View;
 use stoop::cells::LiveTree;
 use stoop::content::{PageId, PageKind};
 use stoop::forest::CellId;
-use stoop::forest::index::IndexForest;
+use stoop::forest::index::{IndexForest, IndexTree};
 use stoop::geodesy::{Geodetic, OrientedBox, SEMI_MAJOR_M};
 use stoop::paging::{
     Command, Completion, Event, Frame, Limits, Planner, PlannerParams, PolicyName, PolicyParams, RequestManager,
@@ -48,8 +48,20 @@ fn world() -> IndexForest {
     build(&Plan { terrain_refines: refines, imagery_refines: refines, object_roots: roots })
 }
 
+/// The same index with the segments below its top out of memory.
+fn top_of(index: &IndexForest) -> IndexForest {
+    let mut paged = IndexForest::default();
+    for tree in index.trees() {
+        let top = tree.segments().next().unwrap().clone();
+        paged.insert(IndexTree::paged(tree.directory().clone(), top).unwrap());
+    }
+    paged
+}
+
 /// A run without engine: storage answers at once.
 struct Run {
+    /// All of the index, and what is resident of it.
+    whole: IndexForest,
     index: IndexForest,
     cells: LiveTree,
     manager: RequestManager,
@@ -59,10 +71,15 @@ struct Run {
 
 impl Run {
     fn new(policy: PolicyName, params: PolicyParams) -> Self {
-        let index = world();
-        let cells = with_roots(&index);
+        let whole = world();
+        let (index, cells) = (whole.clone(), with_roots(&whole));
         let planner = Planner::new(&PlannerParams { policy, params, level_skip: true });
-        Self { index, cells, manager: RequestManager::new(LIMITS).unwrap(), planner, now_s: 0.0 }
+        Self { whole, index, cells, manager: RequestManager::new(LIMITS).unwrap(), planner, now_s: 0.0 }
+    }
+
+    fn paged(policy: PolicyName) -> Self {
+        let run = Self::new(policy, PolicyParams::default());
+        Self { index: top_of(&run.whole), ..run }
     }
 
     /// Demands of the present front and of the policy.
@@ -83,12 +100,22 @@ impl Run {
         (front, demands)
     }
 
+    fn insert(&mut self, id: PageId) {
+        if id.kind == PageKind::Segment {
+            let mut segments = self.whole.tree(id.cell.zone()).unwrap().segments();
+            let segment = segments.find(|segment| segment.root() == id.cell).unwrap().clone();
+            self.index.insert_segment(segment).unwrap();
+        } else {
+            self.cells.insert(&page(id));
+        }
+    }
+
     fn serve(&mut self, demands: &[Demand]) {
         for command in self.manager.update(demands, self.now_s) {
             match command {
                 Command::Start(read) => {
                     for (id, _) in read.pages {
-                        self.cells.insert(&page(id));
+                        self.insert(id);
                         let completion = Completion::Loaded { bytes: 100_000 };
                         self.manager.complete(Event { page: id, completion }, self.now_s + STEP_S);
                     }
@@ -198,6 +225,34 @@ fn a_steady_eye_gets_its_front_and_comes_to_rest() {
         let after = run.manager.stats();
         assert_eq!((before.started, before.evicted), (after.started, after.evicted), "{policy}: nothing is read twice");
         assert!(before.ahead_bytes_started > 0, "{policy}");
+    }
+}
+
+#[test]
+fn segments_of_the_index_come_before_what_they_tell_of_and_before_they_are_needed() {
+    for policy in PUBLISHED {
+        let mut run = Run::paged(policy);
+        let (mut asked, mut needed, mut foreseen) = (BTreeSet::new(), BTreeSet::new(), 0);
+        for (at, (front, demands)) in run.fly(150, pan).into_iter().enumerate() {
+            let ahead = ahead(&demands);
+            let first_other = ahead.iter().position(|demand| demand.page.kind != PageKind::Segment);
+            let others = ahead.iter().skip(first_other.unwrap_or(ahead.len()));
+            assert_eq!(others.filter(|demand| demand.page.kind == PageKind::Segment).count(), 0, "{policy}");
+            let now: BTreeSet<_> = pages(&front).into_iter().filter(|page| page.kind == PageKind::Segment).collect();
+            let new = now.difference(&needed).filter(|page| at >= 5 && asked.contains(*page)).count();
+            foreseen += new;
+            needed.extend(now);
+            asked.extend(pages(&demands));
+        }
+        assert!(foreseen >= 2, "{policy}: {foreseen} of {}", needed.len());
+        // The front is in the end what it is with the whole index.
+        let last = pan(150.0 * STEP_S);
+        run.fly(30, |_| last);
+        let of = |index: &IndexForest| {
+            let ground = |page: &PageId| page.kind != PageKind::Segment;
+            pages(&select(index, &run.cells, &last, &SELECT).demands).into_iter().filter(ground).collect::<Vec<_>>()
+        };
+        assert_eq!(of(&run.index), of(&run.whole), "{policy}");
     }
 }
 
