@@ -289,7 +289,7 @@ fn fly(source: Source, mode: Mode) -> (Vec<Vec<u8>>, f64) {
     let mut engine = Engine::new(source, EngineParams { mode, ..EngineParams::default() }).unwrap();
     let mut pictures = Vec::new();
     let mut debt_px = 0.0;
-    for number in 0..24u32 {
+    for number in 0..20u32 {
         let view = earth::dive(f64::from(number.min(8)) / 8.0, 60.0, [160, 90]);
         let report = engine.frame(&FrameRequest { view, t_s: f64::from(number) / 60.0, ids: false }).unwrap();
         debt_px = report.debt_px;

@@ -157,7 +157,7 @@ impl Scene {
         }
         let step_s = self.stepped_s.replace(now_s).map_or(0.0, |before_s| (now_s - before_s).clamp(0.0, STEP_MAX_S));
         let frame = Frame {
-            index: &self.source.index,
+            index: &self.residency.index,
             cells: &self.residency.cells,
             manager: &self.residency.manager,
             view,

@@ -16,6 +16,8 @@ use std::sync::Arc;
 const WINDOW_S: f64 = 0.3;
 /// Views kept at most; more frames a second than this many in the window are thinned.
 const VIEWS_MAX: usize = 64;
+/// An eye that has not stirred for so long stands, seconds.
+const STANDS_S: f64 = 0.03;
 /// A step between two views that no motion explains is a jump: what was before it says nothing. Heights, radians.
 const JUMP_HEIGHTS: f64 = 3.0;
 const JUMP_RAD: f64 = 0.7;
@@ -104,6 +106,8 @@ struct Sample {
 #[derive(Clone, Debug, Default)]
 pub struct Forecaster {
     samples: VecDeque<Sample>,
+    /// Since when the eye has been where it is.
+    there_since_s: f64,
 }
 
 impl Forecaster {
@@ -112,7 +116,13 @@ impl Forecaster {
         let eye = view.pose.eye;
         let ground_m = cells.surface_height_m(eye.lat_rad, eye.lon_rad).unwrap_or(0.0);
         let sample = Sample { t_s: now_s, pose: view.pose, above_m: (eye.height_m - ground_m).max(LEAST_ABOVE_M) };
-        if self.samples.back().is_some_and(|last| is_jump(last, &sample)) {
+        let last = self.samples.back();
+        let stirs = last.is_none_or(|last| last.pose != sample.pose || last.t_s > now_s);
+        let jumps = last.is_some_and(|last| is_jump(last, &sample));
+        if stirs {
+            self.there_since_s = now_s;
+        }
+        if jumps || now_s - self.there_since_s >= STANDS_S {
             self.samples.clear();
         }
         let spacing_s = WINDOW_S / VIEWS_MAX as f64;
@@ -274,6 +284,16 @@ mod tests {
         assert!(forecast.at(0.5, 1.0).pad_px > 100 && forecast.at(0.5, 0.0).pad_px == 0);
         let known = forecaster.forecast(&view, 0.5, Some(Arc::new(shaky)));
         assert_eq!((known.pose(0.3), known.at(0.3, 1.0).pad_px), (shaky(0.8), 0));
+    }
+
+    #[test]
+    fn an_eye_that_has_stopped_is_expected_to_stay() {
+        let (mut forecaster, view) = forecaster(|t_s| pose(33.0, -84.0 + 0.01 * t_s, 1000.0, 30.0 * t_s, -20.0));
+        assert_ne!(forecaster.forecast(&view, 0.5, None).pose(1.0), view.pose);
+        for frame in 1..=4 {
+            forecaster.note(&view, 0.5 + f64::from(frame) / 60.0, &LiveTree::default());
+        }
+        assert_eq!(forecaster.forecast(&view, 0.6, None).pose(1.0), view.pose);
     }
 
     #[test]

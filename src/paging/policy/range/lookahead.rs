@@ -94,6 +94,7 @@ mod tests {
         footprint_bytes: 64 << 20,
         in_flight: 8,
         pages_in_flight: 8,
+        bytes_in_flight: 1 << 30,
         read_bytes_per_update: 1 << 20,
         run_bytes: 0,
         gap_bytes: 0,
