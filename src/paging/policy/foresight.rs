@@ -200,9 +200,9 @@ impl Policy for Foresight {
             self.plan = self.make_plan(situation);
             self.planned_s = Some(frame.now_s);
         }
-        // What is drawn now stays; what is missing now is asked for only where the plan has it.
+        // What is drawn now or on its way stays; what is missing now is asked for only where the plan has it.
         let stays = |demand: &&Demand| {
-            !situation.level_skip || demand.urgency == Urgency::Blocking || frame.manager.is_resident(demand.page)
+            !situation.level_skip || demand.urgency == Urgency::Blocking || frame.manager.is_held(demand.page)
         };
         front.iter().filter(stays).chain(&self.plan).copied().collect()
     }
