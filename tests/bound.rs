@@ -17,7 +17,7 @@ use stoop::engine::Source;
 use stoop::forest::CellId;
 use stoop::forest::index::{IndexForest, Place};
 use stoop::paging::{PlannerParams, PolicyName, held_bytes, least_held_bytes};
-use stoop::select::{ObjectsMode, OutOfView, SelectParams, select, select_raised, survey};
+use stoop::select::{LAYERS, ObjectsMode, OutOfView, SelectParams, layer_of, select, select_raised, survey};
 use stoop::simulate::{Budget, FrameBound, Library, Setup, Simulation, bytes_by, fly};
 use stoop::storage::{Disk, Faults, PartOutcome, REQUEST_BYTES_MAX, Request, StorageModel};
 use stoop::store::World;
@@ -172,7 +172,7 @@ proptest! {
     }
 }
 
-/// Pages of objects side by side, and nothing else that could be cured.
+/// Pages of objects side by side over the zones' pictures, and nothing else that could be cured.
 fn objects_alone() -> IndexForest {
     let middle = CellId::containing(LAT_DEG.to_radians(), LON_DEG.to_radians(), 12);
     let (x, y) = middle.xy();
@@ -188,20 +188,26 @@ fn where_each_page_serves_one_region_the_bound_is_reached() {
         let view = view(LAT_DEG, LON_DEG, height_m, 0.0, pitch_deg);
         let bound = FrameBound::new(&index, &view, &params);
         let mut held = Held::nothing(&index);
-        let mut wanted = Vec::new();
+        let (mut wanted, mut shares) = (Vec::new(), [0.0; LAYERS]);
         survey(&index, &held.cells, &view, &params, params.tolerance_px, |region| {
-            if let PageKind::Objects { .. } = region.kind {
+            let layer = layer_of(region.kind).unwrap();
+            shares[layer] += region.share;
+            if region.kind != PageKind::Terrain {
                 let page = PageId { cell: region.cell, kind: region.kind };
-                wanted.push((region.share * region.excess_px(region.absent_px, 1.0), page, region.chain[0].place));
+                let fall_px = region.share * region.excess_px(region.absent_px, 1.0);
+                wanted.push((layer, fall_px, page, region.chain[0].place));
             }
         });
-        wanted.sort_by(|a, b| b.0.total_cmp(&a.0));
+        let worth =
+            |&(layer, fall_px, _, place): &(usize, f64, _, Place)| fall_px / shares[layer] / f64::from(place.len);
+        wanted.sort_by(|a, b| worth(b).total_cmp(&worth(a)));
         assert!(wanted.len() > 10, "{} pages are wanted", wanted.len());
         let mut before_px = f64::INFINITY;
-        for (_, page, place) in wanted.into_iter().filter(|(fall_px, ..)| *fall_px > 0.0) {
+        let first_px = select(&index, &held.cells, &view, &params).stats.debt_px;
+        for (_, _, page, place) in wanted.into_iter().filter(|(_, fall_px, ..)| *fall_px > 0.0) {
             let debt_px = select(&index, &held.cells, &view, &params).stats.debt_px;
             let bound_px = bound.debt_px(&Budget { read_bytes: held.stored_bytes, ..ANY });
-            assert!((bound_px - debt_px).abs() <= ROUNDING * debt_px, "{bound_px} {debt_px}");
+            assert!((bound_px - debt_px).abs() <= ROUNDING * first_px, "{bound_px} {debt_px}");
             assert!(debt_px > 0.0 && debt_px < before_px);
             before_px = debt_px;
             held.add(page, place);

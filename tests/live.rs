@@ -155,7 +155,8 @@ fn limits_change_while_flying() {
     let mut t_s = 0.0;
     until(&mut live, &view, &mut t_s, |live, _| is_sharp(live, &view));
     let pages = |live: &Live| live.list().pages.total().resident;
-    let (fine_pages, least) = (pages(&live), Live::least_footprint(live.source()));
+    let fine_pages = pages(&live);
+    let least = ByteSize(Live::least_footprint(live.source()).0 + (16 << 20));
     let tight = EngineParams { footprint: least, tolerance_px: 4.0, ..EngineParams::default() };
     live.set_params(tight).unwrap();
     until(&mut live, &view, &mut t_s, |live, report| {

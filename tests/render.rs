@@ -301,6 +301,34 @@ fn a_missing_picture_is_taken_from_above_and_counted() {
 }
 
 #[test]
+fn the_world_image_is_drawn_where_no_picture_is() {
+    let mut renderer = renderer();
+    let cell = CellId::containing(0.8, 0.2, 3);
+    let zone = cell.zone().root();
+    let center = cell.bounds().center();
+    // Red in the western half of the zone, green in the eastern one.
+    let middle_rad = zone.bounds().center().lon_rad;
+    let paint = |_, lon_rad: f64| if lon_rad < middle_rad { [250, 20, 20] } else { [20, 250, 20] };
+    renderer.add_to_world_image(match &scene::imagery(zone, &paint) {
+        Page::Imagery(picture) => picture,
+        _ => unreachable!(),
+    });
+    assert_eq!(renderer.allocated_bytes(), 0, "it is no page");
+    let page = terrain(cell, 4, &hills, &hills);
+    let view = view([center.lat_deg(), center.lon_deg(), 200_000.0], [0.0, -90.0], 60.0, [33, 33]);
+    let is_west = center.lon_rad < middle_rad;
+    for imagery in [None, Some(cell)] {
+        let selection = Selection { pieces: vec![piece(cell, &page, imagery)], ..Default::default() };
+        let stats = draw(&mut renderer, &view, &selection);
+        assert_eq!(stats.pieces_without_picture, u32::from(imagery.is_some()));
+        let color = renderer.read_color().unwrap();
+        let [red, green] = [0, 1].map(|channel| i32::from(color[(16 * 33 + 16) * 4 + channel]));
+        let (painted, other) = if is_west { (red, green) } else { (green, red) };
+        assert!(painted > other + 50, "{red} {green}");
+    }
+}
+
+#[test]
 fn what_was_not_drawn_is_not_read() {
     let mut renderer = renderer();
     assert!(matches!(renderer.read_color(), Err(RenderError::NotDrawn { .. })));

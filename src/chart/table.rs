@@ -16,11 +16,11 @@ pub fn csv(flights: &[Flight], cases: &[Case], outcomes: &[Outcome]) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{},{},{},{},\"{}\",{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            "{},{},{},\"{}\",\"{}\",{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
             flights[case.flight].name,
             setup.storage,
             setup.footprint.0,
-            case.label,
+            case.label.replace('"', "'"),
             case.variant.replace('"', "'"),
             u8::from(setup.planner.level_skip),
             u8::from(setup.sync_reads),

@@ -9,6 +9,11 @@ pub const IMAGERY_GUTTER_PX: u32 = 1;
 /// Texels along a side of a stored page.
 pub const IMAGERY_STORED_PX: u32 = IMAGERY_PX + 2 * IMAGERY_GUTTER_PX;
 
+/// The mip level of a zone's picture, and all below it, that make the zone's part of the world image.
+pub const WORLD_IMAGE_MIP: u32 = 2;
+/// By how much the texels of the world image are larger than those of the zones' pictures.
+pub const WORLD_IMAGE_COARSER: f64 = IMAGERY_STORED_PX as f64 / (IMAGERY_STORED_PX >> WORLD_IMAGE_MIP) as f64;
+
 /// A decoded picture: sRGB, rows from the north, `IMAGERY_STORED_PX` squared with its gutter.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ImageryPage {

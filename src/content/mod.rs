@@ -10,7 +10,9 @@ mod surface;
 mod terrain;
 
 pub use footprints::{Ball, Footprints};
-pub use imagery::{IMAGERY_GUTTER_PX, IMAGERY_PX, IMAGERY_STORED_PX, ImageryPage};
+pub use imagery::{
+    IMAGERY_GUTTER_PX, IMAGERY_PX, IMAGERY_STORED_PX, ImageryPage, WORLD_IMAGE_COARSER, WORLD_IMAGE_MIP,
+};
 pub use objects::{CellObjects, Object, ObjectMesh, ObjectPage, ObjectVertex};
 pub use prism::{Footprint, Prism};
 pub use surface::Surface;

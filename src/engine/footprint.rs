@@ -1,6 +1,6 @@
 //! How the footprint is divided, so that its sum is a hard limit.
 //!
-//! index + scratch + meshes + slack are set aside; the rest is the pool of the request manager, which accounts decoded
+//! index + world image + scratch + meshes + slack are set aside; the rest is the pool of the request manager, which accounts decoded
 //! pages in memory, their GPU parts and reads under way, in one sum over all layers. GPU arenas grow in chunks: what
 //! they have allocated beyond the pages in them is fragmentation, which is taken out of the pool as it comes
 //! ([`Partition::pool_bytes`]).
@@ -8,16 +8,16 @@
 use super::{EngineError, Mode, PICK_MESH_BYTES_MAX};
 use crate::forest::index::IndexForest;
 use crate::paging::least_footprint_bytes;
-use crate::render::GpuLimits;
+use crate::render::{GpuLimits, Renderer};
 use crate::units::ByteSize;
 
 /// Encoded bytes and decoder's workspace of one server, bytes.
 pub const SCRATCH_PER_SERVER_BYTES: u64 = 2 << 20;
 /// The terrain meshes' share of the footprint: 1/8, and no less than this.
-pub const MESH_MIN_BYTES: u64 = 4 << 20;
+pub const MESH_MIN_BYTES: u64 = 2 << 20;
 pub(super) const MESH_SHARE: u64 = 8;
 /// Set aside for one chunk of each arena that is only begun, bytes.
-pub const SLACK_BYTES: u64 = 8 << 20;
+pub const SLACK_BYTES: u64 = 4 << 20;
 /// Uploaded bytes after which the driver is made to let go of its copies, where that may be waited for.
 pub const FLUSH_BYTES: u64 = 4 << 20;
 /// Stored bytes that one frame in lock-step starts to read: 60 MiB a second at 60 frames.
@@ -38,6 +38,7 @@ const LAYERS: u64 = 3;
 pub struct Partition {
     pub footprint: u64,
     pub index: u64,
+    pub world_image: u64,
     pub scratch: u64,
     pub mesh: u64,
 }
@@ -45,24 +46,29 @@ pub struct Partition {
 impl Partition {
     /// Fails where the footprint is below the least that can work with the world.
     pub fn new(footprint: ByteSize, mode: Mode, index: &IndexForest) -> Result<Self, EngineError> {
-        let (index_bytes, scratch) = (index.bytes().fixed() as u64, scratch_bytes(mode));
+        let (index_bytes, world_image, scratch) =
+            (index.bytes().fixed() as u64, world_image_bytes(index), scratch_bytes(mode));
         let least = Self::least(mode, index).0;
         let Some(spare) = footprint.0.checked_sub(least) else {
             return Err(EngineError::FootprintTooSmall { asked: footprint, least: ByteSize(least) });
         };
         let mesh = (footprint.0 / MESH_SHARE).clamp(MESH_MIN_BYTES, MESH_MIN_BYTES + spare);
-        Ok(Self { footprint: footprint.0, index: index_bytes, scratch, mesh })
+        Ok(Self { footprint: footprint.0, index: index_bytes, world_image, scratch, mesh })
     }
 
     /// The least footprint that can work with a world.
     pub fn least(mode: Mode, index: &IndexForest) -> ByteSize {
-        let fixed = index.bytes().fixed() as u64 + scratch_bytes(mode) + MESH_MIN_BYTES + SLACK_BYTES;
+        let fixed = index.bytes().fixed() as u64
+            + world_image_bytes(index)
+            + scratch_bytes(mode)
+            + MESH_MIN_BYTES
+            + SLACK_BYTES;
         ByteSize(fixed + least_footprint_bytes(index))
     }
 
     /// What is set aside for anything but pages and their arenas.
     pub fn fixed_bytes(&self) -> u64 {
-        self.index + self.scratch + self.mesh
+        self.index + self.world_image + self.scratch + self.mesh
     }
 
     /// The request manager's pool while the arenas hold `fragmented` bytes beyond their pages.
@@ -75,6 +81,12 @@ impl Partition {
         let arenas = self.footprint - self.fixed_bytes();
         GpuLimits { imagery_bytes: arenas, mesh_bytes: self.mesh, objects_bytes: arenas }
     }
+}
+
+/// The world image, where the world has pictures.
+fn world_image_bytes(index: &IndexForest) -> u64 {
+    let has_pictures = index.trees().any(|tree| tree.root().imagery().is_some());
+    if has_pictures { Renderer::world_image_bytes() } else { 0 }
 }
 
 /// Decoders' workspace, and in live runs what picking keeps.

@@ -17,7 +17,7 @@ use crate::paging::{
     Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PICTURE_GPU_BYTES, PageServer, RangeRead,
     ReadError, RequestManager, ServerLimits, ThreadedServers, Usage, drawn_pages, pinned_demands,
 };
-use crate::render::{ArenaFull, GpuLimits};
+use crate::render::{ArenaFull, GpuLimits, Renderer};
 use crate::select::{Demand, Selection};
 use crate::storage::{Disk, Faults, ReadLimits, StorageModel};
 use std::collections::{HashMap, HashSet};
@@ -133,7 +133,7 @@ impl Residency {
         })
     }
 
-    /// Loads the coarsest pages of all zones, so that the first frame already has the globe. This is the only time
+    /// Loads the coarsest terrain of all zones, so that the first frame already has the globe. This is the only time
     /// that anything waits for a page.
     pub fn load_pinned(&mut self, source: &Source, sink: &mut dyn PageSink) {
         let usual = std::mem::replace(&mut self.server, Box::new(InlineServer::new(source.reader.clone())));
@@ -149,6 +149,21 @@ impl Residency {
         }
         self.manager.set_limits(self.limits);
         self.server = usual;
+    }
+
+    /// Makes the world image of the zones' pictures, one after the other: they themselves come and go like all others.
+    pub fn load_world_image(&mut self, source: &Source, renderer: &mut Renderer) {
+        for root in source.index.trees().map(|tree| tree.root()) {
+            let Some(place) = root.imagery() else { continue };
+            let id = PageId { cell: root.cell(), kind: PageKind::Imagery };
+            self.count_read(id, place);
+            match source.reader.load(id, place) {
+                Ok(Page::Imagery(picture)) => renderer.add_to_world_image(&picture),
+                Ok(_) => {}
+                Err(error) => self.note(error.to_string()),
+            }
+        }
+        renderer.flush_uploads();
     }
 
     /// Takes in what has arrived: all of it; in live runs no more than the upload budget, where a window's render

@@ -7,6 +7,7 @@ use super::sink::PageSink;
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::camera::View;
 use crate::paging::{DrawnLevels, DrawnTolerance, Frame, FrameReport, FrameTimings, KnownWay, Lack, Planner, Totals};
+use crate::render::Renderer;
 use crate::select::{Demand, OutOfView, SelectParams, Selection, select_raised};
 use std::time::{Duration, Instant};
 
@@ -94,9 +95,10 @@ impl Scene {
         }
     }
 
-    /// Loads the coarsest pages of all zones.
-    pub fn load_pinned(&mut self, sink: &mut dyn PageSink) {
-        self.residency.load_pinned(&self.source, sink);
+    /// Loads the coarsest terrain of all zones and the world image.
+    pub fn load_pinned(&mut self, renderer: &mut Renderer) {
+        self.residency.load_pinned(&self.source, renderer);
+        self.residency.load_world_image(&self.source, renderer);
     }
 
     /// Completions, selection and requests; once, or until settled. In lock-step, what this frame's budget could read

@@ -11,6 +11,7 @@ pub const LEVEL_MAX: u8 = 22;
 pub const ZONE_DEG: f64 = 45.0;
 pub(super) const ZONE_ROWS: u32 = 4;
 pub(super) const ZONE_COLUMNS: u32 = 8;
+pub const ZONE_COUNT: usize = (ZONE_ROWS * ZONE_COLUMNS) as usize;
 
 /// One of the 32 zones: `row · 8 + column`, row 0 from 90°S to 45°S, column 0 from 180°W to 135°W.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

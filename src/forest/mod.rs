@@ -7,7 +7,7 @@ mod record;
 mod sides;
 mod thinning;
 
-pub use cell::{CellId, LEVEL_MAX, Quadrant, ZONE_DEG, Zone};
+pub use cell::{CellId, LEVEL_MAX, Quadrant, ZONE_COUNT, ZONE_DEG, Zone};
 pub use neighbors::{FewCells, Side};
 pub use sides::CellSides;
 pub use thinning::{columns, thinning};

@@ -1,21 +1,22 @@
 //! How many bytes a page will hold before it has been read.
 //!
 //! Terrain and imagery pages have a largest size that follows from their format. Objects grow with what is stored, by
-//! a factor that is learned from the pages that have come in: the largest factor seen so far, a quarter more, and at
+//! a factor that is learned from the pages that have come in: the largest factor seen so far, and at
 //! first [`OBJECTS_GROWTH`]. Estimates are meant to be too large rather than too small; what they miss is caught by the
 //! manager's [`reserve`](super::manager).
 
 use crate::content::{IMAGERY_STORED_PX, POSTS, Page, PageKind, TerrainPage, TerrainPost};
 use crate::forest::index::Place;
 
-/// Decoded and uploaded bytes of a page of objects per stored byte, before any has been seen: a stored footprint corner
-/// takes about 3 bytes, its wall 4 vertices of 16 bytes and 6 indices of 4, twice (memory and GPU) while it is uploaded,
-/// and 8 bytes of the footprint that stays. Pages of real cities take 34 while they are uploaded, 20 once they are in.
-pub const OBJECTS_GROWTH: f64 = 60.0;
+/// Bytes that a page of objects holds per stored byte, before any has been seen: a stored footprint corner takes about 3
+/// bytes, its wall 4 vertices of 16 bytes and 6 indices of 4, and 8 bytes of the footprint that stays. Pages of real
+/// cities hold 20.
+pub const OBJECTS_GROWTH: f64 = 25.0;
+/// What a page takes while it is decoded and uploaded, per byte that it holds afterwards: 34 bytes of those 20 in real
+/// cities; a picture is in memory and on the GPU.
+const ARRIVING: f64 = 2.0;
 /// What a page takes beside its arrays, bytes.
 const PAGE_OVERHEAD_BYTES: u64 = 1024;
-/// RGBA8 with all mips, in memory and on the GPU.
-const IMAGERY_BYTES: u64 = 2 * (IMAGERY_STORED_PX as u64 * IMAGERY_STORED_PX as u64 * 4 * 4 / 3) + PAGE_OVERHEAD_BYTES;
 /// All posts active.
 const TERRAIN_BYTES: u64 = (POSTS * POSTS * size_of::<TerrainPost>()
     + 2 * (POSTS - 1) * (POSTS - 1) * size_of::<[u16; 3]>()
@@ -67,19 +68,28 @@ impl Estimator {
         Self { objects_growth: None }
     }
 
-    /// Bytes that a page will hold, its stored bytes while they are read included.
-    pub fn bytes(&self, kind: PageKind, place: Place) -> u64 {
-        let held = match kind {
-            // As long in memory as it is stored, and read into the memory that it stays in.
-            PageKind::Segment => return u64::from(place.len),
+    /// Bytes that a page will hold once it is resident.
+    pub fn held_bytes(&self, kind: PageKind, place: Place) -> u64 {
+        match kind {
+            PageKind::Segment => u64::from(place.len),
             PageKind::Terrain => TERRAIN_BYTES,
-            PageKind::Imagery => IMAGERY_BYTES,
+            PageKind::Imagery => PICTURE_GPU_BYTES + PAGE_OVERHEAD_BYTES,
             PageKind::Objects { .. } => {
-                let growth = self.objects_growth.map_or(OBJECTS_GROWTH, |seen| seen * 1.25);
+                let growth = self.objects_growth.unwrap_or(OBJECTS_GROWTH);
                 (growth * f64::from(place.len)).ceil() as u64 + PAGE_OVERHEAD_BYTES
             }
-        };
-        held + u64::from(place.len)
+        }
+    }
+
+    /// Bytes that it takes until then, its stored bytes while they are read included.
+    pub fn arriving_bytes(&self, kind: PageKind, place: Place) -> u64 {
+        let held = self.held_bytes(kind, place);
+        match kind {
+            // As long in memory as it is stored, and read into the memory that it stays in.
+            PageKind::Segment => held,
+            PageKind::Terrain => held + u64::from(place.len),
+            PageKind::Imagery | PageKind::Objects { .. } => (ARRIVING * held as f64) as u64 + u64::from(place.len),
+        }
     }
 
     /// Learns from a page that has come in.
@@ -93,5 +103,6 @@ impl Estimator {
 
 /// The largest page of a kind that can be told beforehand, bytes.
 pub const fn largest_bytes() -> u64 {
-    if IMAGERY_BYTES > TERRAIN_BYTES { IMAGERY_BYTES } else { TERRAIN_BYTES }
+    let imagery = 2 * (PICTURE_GPU_BYTES + PAGE_OVERHEAD_BYTES);
+    if imagery > TERRAIN_BYTES { imagery } else { TERRAIN_BYTES }
 }

@@ -296,7 +296,7 @@ impl RequestManager {
             if !self.may_start(demand.page, now_secs) {
                 continue;
             }
-            let bytes = self.estimator.bytes(demand.page.kind, demand.place);
+            let bytes = self.estimator.arriving_bytes(demand.page.kind, demand.place);
             if bytes > self.plan_bytes() {
                 self.out_of_room = true;
                 continue;
@@ -344,7 +344,7 @@ impl RequestManager {
         let mut places = self.limits.pages_in_flight - self.under_way.len();
         let estimator = self.estimator;
         let run = waiting.take_run(demand, &self.limits, |page, place| {
-            let bytes = estimator.bytes(page.kind, place);
+            let bytes = estimator.arriving_bytes(page.kind, place);
             let fits = bytes <= room && places > 0;
             room -= if fits { bytes } else { 0 };
             places -= usize::from(fits);
@@ -367,7 +367,7 @@ impl RequestManager {
         if let Some(wanted) = self.wanted.get_mut(&demand.page) {
             wanted.asked_at_secs.get_or_insert(now_secs);
         }
-        let reserved_bytes = self.estimator.bytes(demand.page.kind, demand.place);
+        let reserved_bytes = self.estimator.arriving_bytes(demand.page.kind, demand.place);
         let place = demand.place;
         let under_way = UnderWay { place, reserved_bytes, read, started_secs: now_secs, cancelled: false };
         self.under_way.insert(demand.page, under_way);
@@ -478,15 +478,18 @@ impl RequestManager {
         self.residents.bytes() + self.reserved_bytes
     }
 
+    /// What the front will hold, and what the largest of its pages takes beyond that while it comes in.
     fn front_bytes_of(&self, demands: &[Demand]) -> u64 {
-        demands
-            .iter()
-            .filter(|demand| is_front(demand) && self.faults.get(&demand.page) != Some(&Fault::Broken))
-            .map(|demand| {
-                let held = self.residents.bytes_of(demand.page);
-                held.unwrap_or_else(|| self.estimator.bytes(demand.page.kind, demand.place))
-            })
-            .sum()
+        let (mut held_bytes, mut arriving_bytes) = (0, 0);
+        let is_counted = |demand: &&Demand| is_front(demand) && self.faults.get(&demand.page) != Some(&Fault::Broken);
+        for &Demand { page, place, .. } in demands.iter().filter(is_counted) {
+            held_bytes += self.residents.bytes_of(page).unwrap_or_else(|| {
+                let held_bytes = self.estimator.held_bytes(page.kind, place);
+                arriving_bytes = arriving_bytes.max(self.estimator.arriving_bytes(page.kind, place) - held_bytes);
+                held_bytes
+            });
+        }
+        held_bytes + arriving_bytes
     }
 
     /// Whether a front would fit into the footprint, by estimates where its pages are not resident. Ask before
@@ -543,14 +546,8 @@ pub fn least_footprint_bytes(index: &IndexForest) -> u64 {
 /// The pinned pages of the zones, and a page of each layer under way.
 fn least_plan_bytes(index: &IndexForest) -> u64 {
     let estimator = Estimator::new();
-    let roots = index.trees().map(|tree| tree.root());
-    let pinned: u64 = roots
-        .map(|root| {
-            let terrain = root.terrain().map_or(0, |entry| estimator.bytes(PageKind::Terrain, entry.place));
-            let imagery = root.imagery().map_or(0, |place| estimator.bytes(PageKind::Imagery, place));
-            terrain + imagery
-        })
-        .sum();
+    let pinned: u64 =
+        pinned_demands(index).iter().map(|demand| estimator.held_bytes(demand.page.kind, demand.place)).sum();
     pinned + 2 * largest_bytes()
 }
 
@@ -559,17 +556,14 @@ fn footprint_for(plan_bytes: u64) -> u64 {
     (plan_bytes as f64 / (1.0 - 0.5f64.powi(RESERVE_SHIFT as i32))).ceil() as u64 + 1
 }
 
-/// The coarsest pages of all zones: they are loaded before anything else, and stay.
+/// The coarsest terrain of all zones: it is loaded before anything else, and stays.
 pub fn pinned_demands(index: &IndexForest) -> Vec<Demand> {
     let roots = index.trees().map(|tree| tree.root());
-    let demand = |page, place| Demand { page, place, urgency: Urgency::Blocking, gain: f64::INFINITY };
     roots
-        .flat_map(|root| {
-            let cell = root.cell();
-            let terrain = root.terrain().map(|entry| demand(PageId { cell, kind: PageKind::Terrain }, entry.place));
-            let imagery = root.imagery().map(|place| demand(PageId { cell, kind: PageKind::Imagery }, place));
-            [terrain, imagery]
+        .filter_map(|root| {
+            let page = PageId { cell: root.cell(), kind: PageKind::Terrain };
+            let place = root.terrain()?.place;
+            Some(Demand { page, place, urgency: Urgency::Blocking, gain: f64::INFINITY })
         })
-        .flatten()
         .collect()
 }

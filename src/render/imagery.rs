@@ -1,10 +1,11 @@
-//! Pictures on the GPU: layers of texture arrays that are allocated and freed in chunks.
+//! Pictures on the GPU: layers of texture arrays that are allocated and freed in chunks; and the world image, small
+//! pictures of all zones in one array, which stays.
 
 use super::device::Gpu;
 use super::pass::picture_layout;
 use super::renderer::ArenaFull;
-use crate::content::{IMAGERY_STORED_PX, ImageryPage};
-use crate::forest::CellId;
+use crate::content::{IMAGERY_STORED_PX, ImageryPage, WORLD_IMAGE_MIP};
+use crate::forest::{CellId, ZONE_COUNT};
 use std::collections::HashMap;
 
 /// Most layers of a chunk: 2.8 MB at a time, of which what no picture uses is lost.
@@ -16,8 +17,21 @@ const FORMAT: wgpu::TextureFormat = wgpu::TextureFormat::Rgba8UnormSrgb;
 /// Where a picture lies.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct ImageryPlace {
-    pub chunk: usize,
+    pub array: PictureArray,
     pub layer: u32,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum PictureArray {
+    Chunk(usize),
+    WorldImage,
+}
+
+/// A layer of a chunk.
+#[derive(Clone, Copy, Debug)]
+struct Slot {
+    chunk: usize,
+    layer: u32,
 }
 
 #[derive(Debug)]
@@ -41,7 +55,10 @@ pub(super) struct ImageryArena {
     /// Bound where there is no picture.
     none: Chunk,
     chunks: Vec<Option<Chunk>>,
-    places: HashMap<CellId, ImageryPlace>,
+    slots: HashMap<CellId, Slot>,
+    /// A layer for each zone; those that are there, by zone.
+    world: Option<Chunk>,
+    in_world: [bool; ZONE_COUNT],
 }
 
 fn mip_side(level: u32) -> u32 {
@@ -51,6 +68,12 @@ fn mip_side(level: u32) -> u32 {
 /// Bytes of a picture with its mips.
 pub(super) fn layer_bytes() -> u64 {
     (0..MIP_LEVELS).map(|level| 4 * u64::from(mip_side(level)).pow(2)).sum()
+}
+
+/// Bytes of the world image.
+pub(super) fn world_image_bytes() -> u64 {
+    let layer: u64 = (WORLD_IMAGE_MIP..MIP_LEVELS).map(|level| 4 * u64::from(mip_side(level)).pow(2)).sum();
+    layer * ZONE_COUNT as u64
 }
 
 impl ImageryArena {
@@ -64,7 +87,16 @@ impl ImageryArena {
             ..Default::default()
         });
         let none = chunk(gpu, &layout, &sampler, 1, 1);
-        Self { limit_bytes, layout, sampler, none, chunks: Vec::new(), places: HashMap::new() }
+        Self {
+            limit_bytes,
+            layout,
+            sampler,
+            none,
+            chunks: Vec::new(),
+            slots: HashMap::new(),
+            world: None,
+            in_world: [false; ZONE_COUNT],
+        }
     }
 
     /// For uploads from now on; what is there stays.
@@ -72,33 +104,56 @@ impl ImageryArena {
         self.limit_bytes = limit_bytes;
     }
 
+    /// Of the pictures that come and go.
     pub fn bytes(&self) -> u64 {
         self.chunks.iter().flatten().map(|chunk| u64::from(chunk.layers()) * layer_bytes()).sum()
     }
 
     pub fn place(&self, cell: CellId) -> Option<ImageryPlace> {
-        self.places.get(&cell).copied()
+        self.slots.get(&cell).map(|slot| ImageryPlace { array: PictureArray::Chunk(slot.chunk), layer: slot.layer })
     }
 
-    /// The bind group of a chunk, or of no picture.
-    pub fn group(&self, chunk: Option<usize>) -> &wgpu::BindGroup {
-        let chunk = chunk.and_then(|index| self.chunks.get(index)?.as_ref());
+    /// The part of the world image in which a cell lies: its zone, and where that is.
+    pub fn world_place(&self, cell: CellId) -> Option<(CellId, ImageryPlace)> {
+        let zone = cell.zone();
+        let place = ImageryPlace { array: PictureArray::WorldImage, layer: zone.index() as u32 };
+        self.in_world[zone.index()].then_some((zone.root(), place))
+    }
+
+    /// The bind group of an array, or of no picture.
+    pub fn group(&self, array: Option<PictureArray>) -> &wgpu::BindGroup {
+        let chunk = array.and_then(|array| match array {
+            PictureArray::Chunk(index) => self.chunks.get(index)?.as_ref(),
+            PictureArray::WorldImage => self.world.as_ref(),
+        });
         &chunk.unwrap_or(&self.none).group
     }
 
     pub fn upload(&mut self, gpu: &Gpu, page: &ImageryPage) -> Result<u64, ArenaFull> {
-        if !self.places.contains_key(&page.cell) {
-            let place = self.take_layer(gpu)?;
-            self.write(gpu, place, page);
-            self.places.insert(page.cell, place);
+        if !self.slots.contains_key(&page.cell) {
+            let slot = self.take_layer(gpu)?;
+            if let Some(chunk) = &self.chunks[slot.chunk] {
+                write(gpu, chunk, slot.layer, page, 0);
+            }
+            self.slots.insert(page.cell, slot);
         }
         Ok(layer_bytes())
     }
 
-    fn take_layer(&mut self, gpu: &Gpu) -> Result<ImageryPlace, ArenaFull> {
+    /// Takes the coarse mips of a zone's picture into the world image.
+    pub fn add_to_world(&mut self, gpu: &Gpu, root: &ImageryPage) {
+        let zone = root.cell.zone().index();
+        let (layout, sampler) = (&self.layout, &self.sampler);
+        let world =
+            self.world.get_or_insert_with(|| chunk(gpu, layout, sampler, ZONE_COUNT as u32, mip_side(WORLD_IMAGE_MIP)));
+        write(gpu, world, zone as u32, root, WORLD_IMAGE_MIP);
+        self.in_world[zone] = true;
+    }
+
+    fn take_layer(&mut self, gpu: &Gpu) -> Result<Slot, ArenaFull> {
         for (chunk, slot) in self.chunks.iter_mut().enumerate() {
             if let Some(layer) = slot.as_mut().and_then(|slot| slot.free.pop()) {
-                return Ok(ImageryPlace { chunk, layer });
+                return Ok(Slot { chunk, layer });
             }
         }
         // A limit of a few pictures gives a chunk of a few pictures.
@@ -113,26 +168,7 @@ impl ImageryArena {
             self.chunks.push(None);
         }
         self.chunks[chunk] = Some(fresh);
-        Ok(ImageryPlace { chunk, layer })
-    }
-
-    fn write(&self, gpu: &Gpu, place: ImageryPlace, page: &ImageryPage) {
-        let Some(chunk) = &self.chunks[place.chunk] else { return };
-        for (level, texels) in (0..MIP_LEVELS).zip(&page.mips) {
-            let side = mip_side(level);
-            debug_assert_eq!(texels.len(), 4 * (side * side) as usize, "mip {level} of {}", page.cell);
-            gpu.queue.write_texture(
-                wgpu::TexelCopyTextureInfo {
-                    texture: &chunk.texture,
-                    mip_level: level,
-                    origin: wgpu::Origin3d { x: 0, y: 0, z: place.layer },
-                    aspect: wgpu::TextureAspect::All,
-                },
-                texels,
-                wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * side), rows_per_image: Some(side) },
-                wgpu::Extent3d { width: side, height: side, depth_or_array_layers: 1 },
-            );
-        }
+        Ok(Slot { chunk, layer })
     }
 
     /// Moves the pictures of the emptiest chunk into the others and lets it go, if they have room for them.
@@ -148,26 +184,44 @@ impl ImageryArena {
         }
         let Some(leaving) = self.chunks[emptiest].take() else { return };
         let mut encoder = gpu.device.create_command_encoder(&wgpu::CommandEncoderDescriptor::default());
-        for place in self.places.values_mut().filter(|place| place.chunk == emptiest) {
+        for slot in self.slots.values_mut().filter(|slot| slot.chunk == emptiest) {
             let mut others = self.chunks.iter_mut().enumerate();
             let room =
                 others.find_map(|(at, slot)| slot.as_mut().and_then(|chunk| Some((at, chunk.free.pop()?, chunk))));
             let Some((at, layer, chunk)) = room else { continue };
-            copy_layer(&mut encoder, (&leaving.texture, place.layer), (&chunk.texture, layer));
-            *place = ImageryPlace { chunk: at, layer };
+            copy_layer(&mut encoder, (&leaving.texture, slot.layer), (&chunk.texture, layer));
+            *slot = Slot { chunk: at, layer };
         }
         gpu.queue.submit([encoder.finish()]);
     }
 
     pub fn remove(&mut self, cell: CellId) {
-        let Some(place) = self.places.remove(&cell) else { return };
-        let slot = &mut self.chunks[place.chunk];
-        if let Some(chunk) = slot {
-            chunk.free.push(place.layer);
+        let Some(Slot { chunk: at, layer }) = self.slots.remove(&cell) else { return };
+        if let Some(chunk) = &mut self.chunks[at] {
+            chunk.free.push(layer);
             if chunk.free.len() as u32 == chunk.layers() {
-                *slot = None;
+                self.chunks[at] = None;
             }
         }
+    }
+}
+
+/// Writes the mips of a picture from `first_mip` on into a layer.
+fn write(gpu: &Gpu, chunk: &Chunk, layer: u32, page: &ImageryPage, first_mip: u32) {
+    for (level, texels) in (first_mip..MIP_LEVELS).zip(page.mips.iter().skip(first_mip as usize)) {
+        let side = mip_side(level);
+        debug_assert_eq!(texels.len(), 4 * (side * side) as usize, "mip {level} of {}", page.cell);
+        gpu.queue.write_texture(
+            wgpu::TexelCopyTextureInfo {
+                texture: &chunk.texture,
+                mip_level: level - first_mip,
+                origin: wgpu::Origin3d { x: 0, y: 0, z: layer },
+                aspect: wgpu::TextureAspect::All,
+            },
+            texels,
+            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * side), rows_per_image: Some(side) },
+            wgpu::Extent3d { width: side, height: side, depth_or_array_layers: 1 },
+        );
     }
 }
 

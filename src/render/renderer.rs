@@ -5,7 +5,7 @@ use super::device::{Gpu, RenderError};
 use super::eye::eye_relative;
 use super::frame::{Frame, FrameGroup};
 use super::ids::{DrawnIds, IdOf};
-use super::imagery::{ImageryArena, ImageryPlace};
+use super::imagery::{ImageryArena, ImageryPlace, PictureArray, world_image_bytes};
 use super::meshes::MeshArena;
 use super::objects::{ObjectsItem, ObjectsPass, gpu_bytes};
 use super::options::{DrawOptions, FrameStats, GpuLimits};
@@ -17,7 +17,7 @@ use super::targets::Targets;
 use super::terrain::{Piece, TerrainItem, TerrainPass, texture_window};
 use super::timing::GpuTimer;
 use crate::camera::View;
-use crate::content::{Page, PageId, PageKind};
+use crate::content::{ImageryPage, Page, PageId, PageKind};
 use crate::forest::CellId;
 use crate::select::{DrawPiece, Selection};
 
@@ -142,6 +142,16 @@ impl Renderer {
             Page::Imagery(page) => self.imagery.upload(&self.gpu, page),
             Page::Objects(page, mesh) => self.objects.upload(&self.gpu, page, mesh),
         }
+    }
+
+    /// Takes a zone's picture into the world image, which is drawn where no other picture is there. It stays.
+    pub fn add_to_world_image(&mut self, root: &ImageryPage) {
+        self.imagery.add_to_world(&self.gpu, root);
+    }
+
+    /// Bytes of the world image, once there is one.
+    pub fn world_image_bytes() -> u64 {
+        world_image_bytes()
     }
 
     /// Drops a page; none that is not there.
@@ -292,7 +302,7 @@ impl Renderer {
         let picture = self.picture_of(draw);
         stats.terrain_triangles += triangles;
         stats.pieces_built += u32::from(is_new);
-        stats.pieces_without_picture += u32::from(picture.map(|(cell, _)| cell) != draw.imagery);
+        stats.pieces_without_picture += u32::from(is_without_picture(draw, picture));
         let (uv_scale, uv_offset) = picture.map_or(([0.0; 2], [0.0; 2]), |(cell, _)| texture_window(draw.cell, cell));
         let piece = Piece {
             offset: offset.to_array(),
@@ -308,9 +318,11 @@ impl Renderer {
         Ok(TerrainItem { mesh: (draw.terrain.cell, draw.cell), picture: picture.map(|(_, place)| place), piece })
     }
 
-    /// The wanted picture, or the nearest one above it that is there.
+    /// The wanted picture, the nearest one above it that is there, or the world image.
     fn picture_of(&self, draw: &DrawPiece) -> Option<(CellId, ImageryPlace)> {
-        draw.imagery?.ancestors().find_map(|cell| self.imagery.place(cell).map(|place| (cell, place)))
+        let mut above = draw.imagery.into_iter().flat_map(CellId::ancestors);
+        let paged = above.find_map(|cell| self.imagery.place(cell).map(|place| (cell, place)));
+        paged.or_else(|| self.imagery.world_place(draw.cell))
     }
 
     /// Draws a batch of terrain, and after the last one the objects and the sky.
@@ -343,6 +355,13 @@ impl Renderer {
         }
         Ok(())
     }
+}
+
+/// Whether a piece is drawn without the picture that it was selected with.
+fn is_without_picture(draw: &DrawPiece, picture: Option<(CellId, ImageryPlace)>) -> bool {
+    let is_wanted =
+        |wanted| picture.is_some_and(|(cell, place)| cell == wanted && place.array != PictureArray::WorldImage);
+    draw.imagery.is_some_and(|wanted| !is_wanted(wanted))
 }
 
 /// Near pieces first: what they hide is not shaded.

@@ -81,10 +81,10 @@ impl TerrainPass {
         let mut calls = 0;
         for (instance, item) in (0..).zip(items) {
             let Some(mesh) = meshes.get(item.mesh).filter(|mesh| mesh.index_count > 0) else { continue };
-            let chunk = item.picture.map(|picture| picture.chunk);
-            if bound != Some(chunk) {
-                pass.set_bind_group(2, imagery.group(chunk), &[]);
-                bound = Some(chunk);
+            let array = item.picture.map(|picture| picture.array);
+            if bound != Some(array) {
+                pass.set_bind_group(2, imagery.group(array), &[]);
+                bound = Some(array);
             }
             pass.set_vertex_buffer(0, mesh.vertices.slice(..));
             pass.set_index_buffer(mesh.indices.slice(..), mesh.format);

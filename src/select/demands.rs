@@ -7,9 +7,8 @@ use crate::forest::CellId;
 use crate::forest::index::{IndexForest, Node, Place, SegmentRef};
 use std::collections::HashMap;
 
-/// Gains of the zones' coarsest pages, before all else: with them there is never a hole.
+/// Gain of the zones' coarsest terrain, before all else: with it there is never a hole.
 const ROOT_TERRAIN_GAIN: f64 = 1e30;
-const ROOT_IMAGERY_GAIN: f64 = 1e29;
 /// Gain of the ground under the eye: the finest first, which alone makes the ground right.
 const GROUND_GAIN: f64 = 1e20;
 /// Gain of the segments under the eye: before the ground that they tell of.
@@ -41,9 +40,6 @@ impl DemandList {
         for root in index.trees().map(|tree| tree.root()) {
             if let Some(terrain) = root.terrain() {
                 self.raise(root.cell(), PageKind::Terrain, terrain.place, Urgency::Blocking, ROOT_TERRAIN_GAIN);
-            }
-            if let Some(place) = root.imagery() {
-                self.raise(root.cell(), PageKind::Imagery, place, Urgency::Blocking, ROOT_IMAGERY_GAIN);
             }
         }
     }

@@ -15,7 +15,7 @@ use super::region::{FrontRegion, SeenSegment, VisitRegion};
 use super::sight::Sight;
 use super::{DrawPiece, OutOfView, SelectStats};
 use crate::cells::LiveTree;
-use crate::content::{PageId, PageKind};
+use crate::content::{PageId, PageKind, WORLD_IMAGE_COARSER};
 use crate::forest::index::{IndexForest, Node, SegmentRef};
 use crate::forest::{CellId, Quadrant};
 use crate::geodesy::{GeoBounds, OrientedBox, SEMI_MAJOR_M};
@@ -221,6 +221,9 @@ impl<'a> Walk<'a, '_> {
         };
         self.chains[0].extend(terrain.rep);
         self.chains[1].extend(imagery.rep);
+        if let Some(root) = imagery.rep.filter(|_| region.cell.level() == 0) {
+            layers.imagery.begin(WORLD_IMAGE_COARSER * root.error_m * px_per_m, self.sight.tolerance);
+        }
         layers.terrain.step(&terrain, px_per_m, self.sight.tolerance);
         layers.imagery.step(&imagery, px_per_m, self.sight.tolerance);
         children
@@ -255,23 +258,25 @@ impl<'a> Walk<'a, '_> {
             (PageKind::Terrain, &layers.terrain, &self.chains[0]),
             (PageKind::Imagery, &layers.imagery, &self.chains[1]),
         ] {
-            let (Some(front), Some(best)) = (layer.front(), layer.best()) else { continue };
+            let Some(root) = chain.first() else { continue };
             let error_px = |rep: Rep| {
                 let own = if kind == PageKind::Terrain { rep.own_weight(px_per_m, tolerance.drawn_px) } else { 1.0 };
                 rep.morphed_error_m(own) * px_per_m
             };
-            // Where nothing is drawn, the whole side of the cell is taken for the error.
-            let absent_px = front.cell.bounds().height_rad() * SEMI_MAJOR_M * px_per_m;
+            // Without pictures the world image is drawn; where no terrain is, the whole side of the cell is the error.
+            let absent_m = match kind {
+                PageKind::Imagery => WORLD_IMAGE_COARSER * root.error_m,
+                _ => layer.front().unwrap_or(*root).cell.bounds().height_rad() * SEMI_MAJOR_M,
+            };
+            let absent_px = absent_m * px_per_m;
             let is_covered = || {
                 region
                     .node
                     .is_some_and(|node| self.cells.has_finer(region.cell) && self.covers(&node, kind, STAND_IN_LEVELS))
             };
-            let drawn_px = match layer.drawn() {
-                _ if !layer.front_is_drawn() && is_covered() => error_px(front),
-                Some(drawn) => error_px(drawn),
-                None => absent_px,
-            };
+            let shown = if !layer.front_is_drawn() && is_covered() { layer.front() } else { layer.drawn() };
+            let drawn_px = shown.map_or(absent_px, error_px);
+            let place = |rep: Option<Rep>| rep.map_or(chain.len(), |rep| usize::from(rep.cell.level()));
             (self.visit_region)(&FrontRegion {
                 kind,
                 cell: region.cell,
@@ -280,8 +285,8 @@ impl<'a> Walk<'a, '_> {
                 px_per_m,
                 absent_px,
                 drawn_px,
-                front: usize::from(front.cell.level()),
-                best: usize::from(best.cell.level()),
+                front: place(layer.front()),
+                best: place(layer.best()),
                 drawn: layer.drawn().map(|drawn| usize::from(drawn.cell.level())),
                 open: layer.is_open(),
             });

@@ -82,6 +82,12 @@ pub struct Layer {
 }
 
 impl Layer {
+    /// Nothing is wanted where what is always there has an error within the tolerance.
+    pub fn begin(&mut self, always_px: f64, tolerance: Tolerance) {
+        self.front.settled = always_px <= tolerance.drawn_px;
+        self.best.settled = always_px <= tolerance.asked_px;
+    }
+
     pub fn step(&mut self, offer: &Offer, px_per_m: f64, tolerance: Tolerance) {
         let still_wanted = !self.front.settled || !self.front_is_drawn();
         self.front.step(offer, px_per_m, tolerance.drawn_px);

@@ -152,8 +152,7 @@ pub fn select(index: &IndexForest, cells: &LiveTree, view: &View, params: &Selec
 }
 
 /// The same where memory or time lack: the front is that of `drawn_tolerance_px`, which is at least
-/// `params.tolerance_px`, and objects below a threshold raised by the same factor are left out. Debt and excess stay
-/// those of the tolerance asked for.
+/// `params.tolerance_px`, and objects below a threshold raised by the same factor are left out. Debt and excess stay those of the tolerance asked for.
 pub fn select_raised(
     index: &IndexForest,
     cells: &LiveTree,
@@ -161,8 +160,8 @@ pub fn select_raised(
     params: &SelectParams,
     drawn_tolerance_px: f64,
 ) -> Selection {
-    let drawn_px = drawn_tolerance_px.max(params.tolerance_px);
-    let sight = Sight::new(index, view, Tolerance { asked_px: params.tolerance_px, drawn_px }, params.out_of_view);
+    let tolerance = Tolerance::new(params.tolerance_px, drawn_tolerance_px);
+    let sight = Sight::new(index, view, tolerance, params.out_of_view);
     let mut stats = SelectStats::default();
     let mut demands = DemandList::default();
     demands.pin_roots(index);
@@ -199,9 +198,8 @@ pub fn survey(
     drawn_tolerance_px: f64,
     mut visit_region: impl FnMut(&FrontRegion<'_>),
 ) {
-    let drawn_px = drawn_tolerance_px.max(params.tolerance_px);
-    let tolerance = Tolerance { asked_px: params.tolerance_px, drawn_px };
-    let sight = Sight::new(index, view, tolerance, OutOfView::Left);
+    let tolerance = Tolerance::new(params.tolerance_px, drawn_tolerance_px);
+    let sight = Sight::new(index, view, tolerance, params.out_of_view);
     let mut stats = SelectStats::default();
     front::walk(index, cells, &sight, Purpose::Survey, &mut visit_region, &mut stats);
     objects::walk(index, cells, &sight, params, Purpose::Survey, &mut visit_region, &mut stats);
@@ -209,7 +207,7 @@ pub fn survey(
 
 /// The terrain under an eye, finest first: blocking demands.
 pub fn ground_demands(index: &IndexForest, cells: &LiveTree, view: &View, params: &SelectParams) -> Vec<Demand> {
-    let tolerance = Tolerance { asked_px: params.tolerance_px, drawn_px: params.tolerance_px };
+    let tolerance = Tolerance::new(params.tolerance_px, params.tolerance_px);
     let mut demands = DemandList::default();
     ground::under_eye(index, cells, &Sight::new(index, view, tolerance, OutOfView::Left), &mut demands);
     demands.finish()

@@ -23,7 +23,8 @@ pub struct FrontRegion<'a> {
     /// Error that is drawn now.
     pub drawn_px: f64,
     /// Place in the chain of the page that the tolerance drawn wants, of the one that the tolerance asked for wants,
-    /// and of the one that is drawn. Those before `best` cure less, those behind it no more.
+    /// and of the one that is drawn. Those before `best` cure less, those behind it no more. The chain's length where
+    /// the tolerance wants none of them.
     pub front: usize,
     pub best: usize,
     pub drawn: Option<usize>,

@@ -23,6 +23,12 @@ pub struct Tolerance {
     pub drawn_px: f64,
 }
 
+impl Tolerance {
+    pub fn new(asked_px: f64, drawn_px: f64) -> Self {
+        Self { asked_px, drawn_px: drawn_px.max(asked_px) }
+    }
+}
+
 pub struct Sight<'a> {
     pub view: &'a View,
     pub tolerance: Tolerance,
@@ -154,7 +160,7 @@ mod tests {
 
     fn share(view: &View, bounds: &GeoBounds) -> f64 {
         let index = IndexForest::default();
-        Sight::new(&index, view, Tolerance { asked_px: 1.0, drawn_px: 1.0 }, OutOfView::Left).screen_share(bounds, 0.0)
+        Sight::new(&index, view, Tolerance::new(1.0, 1.0), OutOfView::Left).screen_share(bounds, 0.0)
     }
 
     fn looking_down(height_m: f64) -> View {

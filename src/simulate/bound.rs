@@ -52,25 +52,26 @@ struct Step {
 /// The least debt of a view by bytes: convex, falling.
 #[derive(Clone, Debug, Default)]
 struct Curve {
-    /// Debt with the pinned pages alone, px.
-    most_px: f64,
+    /// Debt with all pages, px.
+    least_px: f64,
     /// By falling ratio.
     steps: Vec<Step>,
+    /// Debt before each step, px. Summed up from the last one, so that large falls leave no rounding errors behind.
+    before_px: Vec<f64>,
 }
 
 impl Curve {
     fn debt_px(&self, bytes: f64) -> f64 {
-        let (mut left, mut debt_px) = (bytes.max(0.0), self.most_px);
-        for step in &self.steps {
-            let share = if step.bytes > left { left / step.bytes } else { 1.0 };
-            debt_px -= share * step.fall_px;
-            left -= share * step.bytes;
-            if share < 1.0 {
-                break;
+        let mut left = bytes.max(0.0);
+        for (at, (step, before_px)) in self.steps.iter().zip(&self.before_px).enumerate() {
+            if step.bytes > left {
+                let after_px = self.before_px.get(at + 1).unwrap_or(&self.least_px);
+                let share = left / step.bytes;
+                return share * after_px + (1.0 - share) * before_px;
             }
+            left -= step.bytes;
         }
-        // What sums of rounded numbers leave is no debt.
-        if debt_px <= 1e-9 * self.most_px { 0.0 } else { debt_px }
+        self.least_px
     }
 }
 
@@ -134,10 +135,11 @@ impl FrameBound {
 impl Curve {
     /// Adds a region: its debt without anything, and for each choice its bytes and the excess it leaves.
     fn add(&mut self, weight: f64, most_px: f64, points: impl Iterator<Item = (f64, f64)>) {
-        self.most_px += weight * most_px;
         let mut points: Vec<(f64, f64)> = points.collect();
         points.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.total_cmp(&b.1)));
-        for (from, to) in convex_hull(most_px, &points) {
+        let hull = convex_hull(most_px, &points);
+        self.least_px += weight * hull.last().map_or(most_px, |(_, to)| to.1);
+        for (from, to) in hull {
             self.steps.push(Step { bytes: to.0 - from.0, fall_px: weight * (from.1 - to.1) });
         }
     }
@@ -145,6 +147,17 @@ impl Curve {
     fn finish(&mut self) {
         let ratio = |step: &Step| step.fall_px / step.bytes.max(1e-9);
         self.steps.sort_by(|a, b| ratio(b).total_cmp(&ratio(a)));
+        let mut debt_px = self.least_px;
+        self.before_px = self
+            .steps
+            .iter()
+            .rev()
+            .map(|step| {
+                debt_px += step.fall_px;
+                debt_px
+            })
+            .collect();
+        self.before_px.reverse();
     }
 }
 
@@ -187,7 +200,7 @@ fn choices(
 ) -> Region {
     let excess_px = |at: Option<usize>| region.excess_px(region.error_px(at), asked_px);
     let is_layer = matches!(region.kind, PageKind::Terrain | PageKind::Imagery);
-    let pinned = usize::from(is_layer);
+    let pinned = usize::from(region.kind == PageKind::Terrain);
     let mut choices: Vec<Choice> = (pinned..region.chain.len())
         .map(|at| {
             let rep = &region.chain[at];
@@ -205,7 +218,7 @@ fn choices(
             choices.push(Choice { page: None, stored_bytes, held_bytes, left_px: excess_px(Some(region.front)) });
         }
     }
-    let most_px = if is_layer { excess_px(Some(0)) } else { excess_px(None) };
+    let most_px = excess_px((pinned > 0).then_some(0));
     Region { layer, share: region.share, most_px, choices }
 }
 

@@ -180,9 +180,7 @@ pub fn page(id: PageId) -> Page {
 pub fn with_roots(index: &IndexForest) -> LiveTree {
     let mut cells = LiveTree::default();
     for tree in index.trees() {
-        for kind in [PageKind::Terrain, PageKind::Imagery] {
-            cells.insert(&page(PageId { cell: tree.root().cell(), kind }));
-        }
+        cells.insert(&page(PageId { cell: tree.root().cell(), kind: PageKind::Terrain }));
     }
     cells
 }

@@ -147,8 +147,8 @@ pub fn pages_of(index: &IndexForest) -> Vec<(PageId, Place)> {
         let cell = node.cell();
         if cell.level() > 0 {
             pages.extend(node.terrain().map(|entry| (PageId { cell, kind: PageKind::Terrain }, entry.place)));
-            pages.extend(node.imagery().map(|place| (PageId { cell, kind: PageKind::Imagery }, place)));
         }
+        pages.extend(node.imagery().map(|place| (PageId { cell, kind: PageKind::Imagery }, place)));
         pages.extend(node.objects().map(|entry| {
             let kind = PageKind::Objects { collection: entry.collection, rep: entry.rep };
             (PageId { cell, kind }, entry.place)

@@ -149,11 +149,12 @@ impl Foresight {
         };
         let sure = situation.forecast.is_known();
         let mut views = Vec::new();
-        for (at, &after_s) in after_s.iter().enumerate() {
+        for (at, &view_s) in after_s.iter().enumerate() {
             let before_s = if at == 0 { 0.0 } else { gap_s(at - 1) };
-            let stands_s = (before_s + gap_s(at)) / 2.0;
-            let trust = if sure && self.is_oracle { 1.0 } else { (-after_s / self.params.trust_s).exp() };
-            let view = situation.forecast.at(situation.lead_s + after_s, self.params.widen).view;
+            // A view alone stands for all.
+            let stands_s = if after_s.len() == 1 { self.params.reach_s } else { (before_s + gap_s(at)) / 2.0 };
+            let trust = if sure && self.is_oracle { 1.0 } else { (-view_s / self.params.trust_s).exp() };
+            let view = situation.forecast.at(situation.lead_s + view_s, self.params.widen).view;
             views.push((view, stands_s * trust));
         }
         views
@@ -169,9 +170,7 @@ impl Foresight {
 
     fn make_plan(&self, situation: &Situation<'_>) -> Vec<Demand> {
         let mut outlook = self.outlook(situation);
-        // Where memory lacks, nothing is read but what stays.
-        let lacks = situation.frame.drawn_tolerance_px > situation.frame.params.tolerance_px;
-        let direct = !self.params.steps || lacks || outlook.missing_secs(situation) <= self.params.direct_s;
+        let direct = !self.params.steps || outlook.missing_secs(situation) <= self.params.direct_s;
         outlook.choose(direct);
         let mut plan: Vec<Demand> = outlook
             .pages

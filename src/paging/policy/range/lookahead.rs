@@ -63,7 +63,7 @@ impl<'a> Lookahead<'a> {
             Entry::Occupied(mut known) => known.get_mut().coarser = known.get().coarser.max(want.coarser),
             Entry::Vacant(slot) => {
                 slot.insert(Ahead { place: want.place, coarser: want.coarser, frames });
-                self.held_left -= Estimator::new().bytes(want.page.kind, want.place) as f64;
+                self.held_left -= Estimator::new().held_bytes(want.page.kind, want.place) as f64;
                 if !self.manager.is_resident(want.page) {
                     self.read_left -= f64::from(want.place.len);
                 }
@@ -139,7 +139,7 @@ mod tests {
         let mut set = lookahead(&manager, 1500.0, 1e9);
         assert!(!set.add(&all, 0.0));
         assert_eq!(order(set), [0, 1, 2]);
-        let each = Estimator::new().bytes(PageKind::Terrain, there.place) as f64;
+        let each = Estimator::new().held_bytes(PageKind::Terrain, there.place) as f64;
         let mut set = lookahead(&manager, 1e9, 1.5 * each);
         assert!(!set.add(&all, 0.0));
         assert_eq!(order(set), [0, 1]);
