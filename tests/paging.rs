@@ -263,7 +263,6 @@ proptest! {
             }
             simulation.now_secs += 1.0;
         }
-        prop_assert!(!simulation.manager.needs_coarser());
         prop_assert!(simulation.manager.is_idle());
         for demand in &front {
             let there = simulation.resident.contains_key(&demand.page);
@@ -398,7 +397,7 @@ fn a_front_that_does_not_fit_is_said_and_not_thrashed() {
             simulation.answer(7 * 9);
         }
     }
-    assert!(simulation.manager.needs_coarser() && simulation.manager.is_idle());
+    assert!(!simulation.manager.fits(&front) && simulation.manager.is_idle());
     assert_eq!(simulation.manager.stats().evicted, 0);
     assert_eq!(simulation.manager.stats().started, simulation.resident.len() as u64);
     assert!(simulation.resident.contains_key(&front[29].page), "the most gainful are there");

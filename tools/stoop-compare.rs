@@ -32,7 +32,7 @@ struct Arguments {
     /// Flights: files, or folders of them
     #[arg(long, required = true, num_args = 1..)]
     paths: Vec<PathBuf>,
-    /// Storage models
+    /// Storage models, semicolons between them: hdd, ssd, lan, wan, mobile, or LATENCY_MS,MB_PER_S,PARALLEL
     #[arg(long, value_delimiter = ';', default_values = ["hdd", "ssd", "lan", "wan", "mobile"])]
     storage: Vec<StorageModel>,
     /// Labels and their variants; without it each policy as it is
@@ -45,13 +45,13 @@ struct Arguments {
     #[arg(long, value_delimiter = ',', default_value = "256MiB")]
     footprint: Vec<ByteSize>,
     /// Allowed screen-space error, pixels
-    #[arg(long, default_value_t = 1.0)]
+    #[arg(long, default_value_t = 1.0, value_parser = positive)]
     tolerance_px: f64,
     /// Width and height, pixels
-    #[arg(long, num_args = 2, default_values_t = [640, 360])]
+    #[arg(long, num_args = 2, default_values_t = [640, 360], value_parser = clap::value_parser!(u32).range(1..=8192))]
     size: Vec<u32>,
     /// Seconds from frame to frame
-    #[arg(long, default_value_t = 1.0 / 60.0)]
+    #[arg(long, default_value_t = 1.0 / 60.0, value_parser = positive)]
     step_secs: f64,
     /// Load intermediate levels too
     #[arg(long)]
@@ -68,6 +68,11 @@ struct Arguments {
     /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
+}
+
+fn positive(text: &str) -> Result<f64, String> {
+    let value: f64 = text.trim().parse().map_err(|_| "must be a number".to_owned())?;
+    if value.is_finite() && value > 0.0 { Ok(value) } else { Err("must be above 0".into()) }
 }
 
 fn main() -> anyhow::Result<()> {
@@ -127,6 +132,7 @@ fn variants(grid: Option<&Path>, only: &[String]) -> anyhow::Result<Vec<Variant>
         Some(file) => read_grid(file)?,
     };
     variants.retain(|variant| only.is_empty() || only.contains(&variant.label));
+    anyhow::ensure!(!variants.is_empty(), "nothing to run: --only names labels of the grid, or policies without one");
     Ok(variants)
 }
 
@@ -135,17 +141,25 @@ fn of_policy(label: &str, policy: PolicyName, params: &Value) -> Variant {
     Variant { label: label.to_owned(), name, planner: PlannerParams { policy, ..PlannerParams::default() } }
 }
 
+/// A variant as the grid has it.
+#[derive(serde::Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Entry {
+    policy: PolicyName,
+    #[serde(default)]
+    params: Value,
+}
+
 fn read_grid(file: &Path) -> anyhow::Result<Vec<Variant>> {
     let text = std::fs::read_to_string(file).with_context(|| format!("cannot read {}", file.display()))?;
     let bad = || format!("{}: no grid; see --help", file.display());
     let labels: serde_json::Map<String, Value> = serde_json::from_str(&text).with_context(bad)?;
     let mut variants = Vec::new();
-    for (label, list) in &labels {
-        for entry in list.as_array().with_context(bad)? {
-            let policy: PolicyName = entry["policy"].as_str().with_context(bad)?.parse().with_context(bad)?;
-            let mut variant = of_policy(label, policy, &entry["params"]);
-            if !entry["params"].is_null() {
-                let params = serde_json::json!({ policy.name(): entry["params"] });
+    for (label, list) in labels {
+        for Entry { policy, params } in serde_json::from_value::<Vec<Entry>>(list).with_context(bad)? {
+            let mut variant = of_policy(&label, policy, &params);
+            if !params.is_null() {
+                let params = serde_json::json!({ policy.name(): params });
                 variant.planner.params = serde_json::from_value::<PolicyParams>(params).with_context(bad)?;
             }
             variants.push(variant);

@@ -3,7 +3,6 @@
 use crate::camera::{FlightPath, View};
 use crate::paging::{FrameReport, PlannerParams, PolicyName};
 use crate::record::SHARP_COVERAGE;
-use crate::select::{OutOfView, SelectParams};
 use crate::simulate::{FrameBound, Library, Setup, Simulation, SimulationError, fly};
 use crate::storage::StorageModel;
 use rayon::prelude::*;
@@ -109,13 +108,15 @@ fn bounds(library: &Library, flights: &[Flight], cases: &[Case]) -> BTreeMap<Bou
     let of_flight = |(flight, setups): (usize, BTreeMap<BoundKey, Setup>)| {
         let path = &flights[flight].path;
         let Some(setup) = setups.values().next().copied() else { return Vec::new() };
-        let frames = (path.duration_s() / setup.step_s + 1e-6).floor() as u64 + 1;
+        // A world whose index is paged has no bound.
+        let steps = (path.duration_s() / setup.step_s + 1e-6).floor() as u64 + 1;
+        let frames = if library.index.is_whole() { steps } else { 0 };
         let rows: Vec<Vec<f64>> = (0..frames)
             .into_par_iter()
             .map(|at| {
                 let since_s = at as f64 * setup.step_s;
                 let view = View::new(path.at(path.start_s() + since_s), path.fovy_rad(), setup.size_px);
-                let bound = FrameBound::new(&library.index, &view, &params(&setup));
+                let bound = FrameBound::new(&library.index, &view, &setup.select_params());
                 let debt = |setup: &Setup| bound.debt_px(&Simulation::budget_of(library, setup, since_s));
                 setups.values().map(debt).collect()
             })
@@ -124,15 +125,6 @@ fn bounds(library: &Library, flights: &[Flight], cases: &[Case]) -> BTreeMap<Bou
         columns.map(|(column, key)| (key, rows.iter().map(|row| row[column]).collect())).collect()
     };
     wanted.into_iter().flat_map(of_flight).collect()
-}
-
-fn params(setup: &Setup) -> SelectParams {
-    SelectParams {
-        tolerance_px: setup.tolerance_px,
-        threshold_px: setup.threshold_px,
-        objects: setup.objects,
-        out_of_view: OutOfView::Left,
-    }
 }
 
 /// Sums up a flight frame by frame.
@@ -154,8 +146,8 @@ impl<'a> Tally<'a> {
     }
 
     fn take(&mut self, report: FrameReport) {
-        let since_s = report.t_s - self.flight.path.start_s();
-        // Frames that waited leave some out.
+        // What was waited for is shown when it is there; until then the frame before stands.
+        let since_s = report.t_s + report.waited_s - self.flight.path.start_s();
         let bound_px = self.bounds.get((since_s / self.step_s).round() as usize).copied().unwrap_or(0.0);
         if let Some((before_s, debt_px, bound_px)) = self.last.replace((since_s, report.debt_px, bound_px)) {
             let stood_s = since_s - before_s;
@@ -164,7 +156,7 @@ impl<'a> Tally<'a> {
             *(if cold { &mut out.cold_debt_px_s } else { &mut out.debt_px_s }) += debt_px * stood_s;
             *(if cold { &mut out.cold_bound_px_s } else { &mut out.bound_px_s }) += bound_px * stood_s;
         }
-        self.arrive(report.t_s, report.coverage);
+        self.arrive(report.t_s + report.waited_s, report.coverage);
         let out = &mut self.outcome;
         if since_s >= WARM_S - 1e-9 {
             out.excess_max_px = out.excess_max_px.max(report.excess_max_px);

@@ -16,8 +16,8 @@ pub fn csv(flights: &[Flight], cases: &[Case], outcomes: &[Outcome]) -> String {
         // Writing to a string cannot fail.
         let _ = writeln!(
             text,
-            "{},{},{},\"{}\",\"{}\",{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
-            flights[case.flight].name,
+            "\"{}\",\"{}\",{},\"{}\",\"{}\",{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{},{}",
+            flights[case.flight].name.replace('"', "'"),
             setup.storage,
             setup.footprint.0,
             case.label.replace('"', "'"),

@@ -22,6 +22,7 @@ mod stills;
 mod surroundings;
 mod throttle;
 mod upload;
+mod world_image;
 
 pub use crate::paging::{Aim, FrameReport, FrameTimings, Lack};
 pub use cost::{CostModel, Load, TimeBudget};

@@ -8,6 +8,7 @@ use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::sink::{Handover, PageSink};
 use super::throttle::ThrottledServer;
 use super::upload::UploadRate;
+use super::world_image::load_world_image;
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::cells::LiveTree;
 use crate::content::{Page, PageFile, PageId, PageKind};
@@ -140,7 +141,7 @@ impl Residency {
         self.manager.set_limits(Limits { read_bytes_per_update: u64::MAX >> 2, ..self.limits });
         let demands = pinned_demands(&source.index);
         loop {
-            let orders = self.command(&demands, 0.0);
+            let orders = self.command(&demands, &demands, 0.0);
             self.start(orders.start, 0.0, sink);
             if self.server.in_flight() == 0 {
                 break;
@@ -148,22 +149,15 @@ impl Residency {
             self.receive(0.0, sink);
         }
         self.manager.set_limits(self.limits);
+        self.manager.forget_pace();
         self.server = usual;
     }
 
-    /// Makes the world image of the zones' pictures, one after the other: they themselves come and go like all others.
+    /// Makes the world image.
     pub fn load_world_image(&mut self, source: &Source, renderer: &mut Renderer) {
-        for root in source.index.trees().map(|tree| tree.root()) {
-            let Some(place) = root.imagery() else { continue };
-            let id = PageId { cell: root.cell(), kind: PageKind::Imagery };
-            self.count_read(id, place);
-            match source.reader.load(id, place) {
-                Ok(Page::Imagery(picture)) => renderer.add_to_world_image(&picture),
-                Ok(_) => {}
-                Err(error) => self.note(error.to_string()),
-            }
-        }
-        renderer.flush_uploads();
+        let load = load_world_image(source, renderer);
+        load.read.into_iter().for_each(|(id, place)| self.count_read(id, place));
+        load.failures.into_iter().for_each(|failure| self.note(failure));
     }
 
     /// Takes in what has arrived: all of it; in live runs no more than the upload budget, where a window's render
@@ -329,7 +323,7 @@ impl Residency {
         let stays = self.fragmented_bytes(sink).saturating_sub(sink.usage().leaving);
         let pool = self.partition.pool_bytes(stays);
         self.manager.set_limits(Limits { footprint_bytes: pool, ..self.limits });
-        let orders = self.command(demands, now_s);
+        let orders = self.command(&selection.demands, demands, now_s);
         let drawn: HashSet<PageId> =
             if orders.evict.is_empty() { HashSet::new() } else { drawn_pages(selection).collect() };
         let mut hurt = false;
@@ -342,9 +336,9 @@ impl Residency {
         hurt
     }
 
-    fn command(&mut self, demands: &[Demand], now_s: f64) -> Orders {
+    fn command(&mut self, front: &[Demand], demands: &[Demand], now_s: f64) -> Orders {
         let mut orders = Orders::default();
-        for command in self.manager.update(demands, now_s) {
+        for command in self.manager.update_for(front, demands, now_s) {
             match command {
                 Command::Start(read) => orders.start.push(read),
                 // What is read already comes in, wanted or not.

@@ -127,7 +127,7 @@ impl Scene {
                 }
                 Mode::LockStep if self.residency.manager.stats().in_flight > 0 => {
                     timed(&mut timings.complete_ms, || self.residency.receive(now_s, sink));
-                    break timed(&mut timings.select_ms, || self.choose(view));
+                    break timed(&mut timings.select_ms, || self.select_at(view, self.tolerance.factor()));
                 }
                 _ => break selection,
             }

@@ -5,6 +5,7 @@ use super::audit::Auditor;
 use super::footprint::{FLUSH_BYTES, MESH_MIN_BYTES, MESH_SHARE, SLACK_BYTES};
 use super::lift::Lifts;
 use super::picture::LastPicture;
+use super::world_image::load_world_image;
 use super::{EngineError, EngineParams, FrameReport, FrameRequest, Source};
 use crate::content::{Page, PageId, PageKind};
 use crate::forest::index::IndexForest;
@@ -33,14 +34,16 @@ pub struct Stills {
 impl Stills {
     /// Opens the renderer. `params` are those that the selections are made by.
     pub fn open(source: Source, params: &EngineParams) -> Result<Self, EngineError> {
+        let mut renderer = Renderer::new(limits(params.footprint.0))?;
+        let messages = load_world_image(&source, &mut renderer).failures;
         Ok(Self {
-            renderer: Renderer::new(limits(params.footprint.0))?,
+            renderer,
             auditor: Auditor::new(&source, params),
             source,
             uploaded: HashSet::new(),
             lifts: Lifts::default(),
             unreadable: HashSet::new(),
-            messages: Vec::new(),
+            messages,
             unflushed_bytes: 0,
         })
     }

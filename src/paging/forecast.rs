@@ -180,12 +180,6 @@ pub struct Forecast {
 }
 
 impl Forecast {
-    /// Nothing is expected but the view itself.
-    pub fn still(view: &View, now_s: f64) -> Self {
-        let above_m = view.pose.eye.height_m.max(LEAST_ABOVE_M);
-        Self { view: *view, now_s, above_m, rates: Rates::default(), spread: Rates::default(), known: None }
-    }
-
     /// Whether the way is known.
     pub fn is_known(&self) -> bool {
         self.known.is_some()

@@ -4,7 +4,7 @@
 //! sixteenth of the footprint is kept back for pages that turn out larger than their estimate. Room is made before
 //! anything is read for it. What is dropped first is what is not demanded now, the least recently demanded first; then
 //! what is only predicted, by ascending gain (see [`residents`]). The front is never dropped for itself: where it does
-//! not fit, [`RequestManager::needs_coarser`] says so, and the tolerance is raised.
+//! not fit, [`RequestManager::fits`] says so, and the tolerance is raised.
 //!
 //! Pages that lie together are read as one range: around each page that is due, those that are wanted too and lie no
 //! further than a gap apart are taken along (see [`runs`]).
@@ -25,7 +25,7 @@ use crate::select::{Demand, Urgency};
 use crate::units::ByteSize;
 use residents::Residents;
 use runs::Waiting;
-use std::collections::{BTreeMap, HashMap};
+use std::collections::{BTreeMap, HashMap, HashSet};
 
 /// Hard limits, each of which is named in the report.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -75,8 +75,8 @@ pub struct ManagerStats {
     /// Pages asked for, and the ranges that they were read in.
     pub started: u64,
     pub reads: u64,
-    /// Stored bytes of pages that the frame already lacked when they were asked for, and of those that were fetched
-    /// ahead.
+    /// Stored bytes of pages that a frame's own front lacked when they were asked for, and of those that were fetched
+    /// ahead of it.
     pub front_bytes_started: u64,
     pub ahead_bytes_started: u64,
     pub cancelled: u64,
@@ -150,6 +150,8 @@ pub struct RequestManager {
     read_credit: i64,
     updates: u64,
     front_bytes: u64,
+    /// Pages of the frame's own front.
+    front: HashSet<PageId>,
     /// Demanded pages of the front that are neither there nor given up.
     missing: usize,
     /// Whether the last update left a page out for lack of room.
@@ -174,6 +176,7 @@ impl RequestManager {
             read_credit: 0,
             updates: 0,
             front_bytes: 0,
+            front: HashSet::new(),
             missing: 0,
             out_of_room: false,
             counts: ManagerStats::default(),
@@ -218,13 +221,26 @@ impl RequestManager {
         &self.pace
     }
 
-    /// Demands of the frame in any order, resident pages included; `now_secs` from any start.
+    /// Forgets how fast pages came: what was read while nothing ran says nothing of what follows.
+    pub fn forget_pace(&mut self) {
+        self.pace = Pace::default();
+    }
+
+    /// Demands of the frame in any order, resident pages included; `now_secs` from any start. What is more than
+    /// predicted is the frame's front.
     pub fn update(&mut self, demands: &[Demand], now_secs: f64) -> Vec<Command> {
+        self.update_for(demands, demands, now_secs)
+    }
+
+    /// The same for a frame whose front is that of `front`: by it reads are counted as the frame's own or as ahead of it.
+    pub fn update_for(&mut self, front: &[Demand], demands: &[Demand], now_secs: f64) -> Vec<Command> {
+        let front = ranked(front);
+        self.front_bytes = self.front_bytes_of(&front);
+        self.front = front.iter().filter(|demand| is_front(demand)).map(|demand| demand.page).collect();
         let demands = ranked(demands);
         self.updates += 1;
         self.refill();
         self.note_wanted(&demands);
-        self.front_bytes = self.front_bytes_of(&demands);
         let mut commands = Vec::new();
         self.cancel_unwanted(&mut commands);
         self.get_under_limit(&demands, &mut commands);
@@ -375,7 +391,7 @@ impl RequestManager {
         self.bytes_under_way += u64::from(place.len);
         self.counts.started += 1;
         let bytes = u64::from(place.len);
-        if is_front(demand) {
+        if self.front.contains(&demand.page) {
             self.counts.front_bytes_started += bytes;
         } else {
             self.counts.ahead_bytes_started += bytes;
@@ -496,11 +512,6 @@ impl RequestManager {
     /// [`RequestManager::update`], and select with a raised tolerance until it does.
     pub fn fits(&self, demands: &[Demand]) -> bool {
         self.front_bytes_of(&ranked(demands)) <= self.plan_bytes()
-    }
-
-    /// Whether the front of the last update does not fit into the footprint.
-    pub fn needs_coarser(&self) -> bool {
-        self.front_bytes > self.plan_bytes()
     }
 
     /// Decoded bytes of the last update's front, by estimates where its pages are not resident.

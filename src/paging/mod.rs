@@ -15,6 +15,7 @@ mod slow;
 mod tolerance;
 mod usage;
 
+pub use crate::select::service_order;
 pub use estimate::{PICTURE_GPU_BYTES, held_bytes, least_held_bytes};
 pub use forecast::{Forecast, Forecaster, KnownWay, Predicted};
 pub use levels::DrawnLevels;
@@ -23,7 +24,7 @@ pub use manager::{
     Command, Completion, Event, LayerCounts, Limits, ManagerError, ManagerStats, PageCounts, PageState, RangeRead,
     RequestManager, least_footprint_bytes,
 };
-pub use order::{is_front, ranked, service_order};
+pub use order::{is_front, ranked};
 pub use pace::Pace;
 pub use planner::{Frame, Planner, PlannerParams};
 pub use policy::{PolicyName, PolicyParams, UnknownPolicy};

@@ -1,13 +1,7 @@
 //! The order of service: urgency is a named class, then gain per byte.
 
-use crate::select::{Demand, Urgency};
-use std::cmp::Ordering;
+use crate::select::{Demand, Urgency, service_order};
 use std::collections::HashSet;
-
-/// More urgent first; within a class larger gain first; then by page, so that the order is total.
-pub fn service_order(a: &Demand, b: &Demand) -> Ordering {
-    b.urgency.cmp(&a.urgency).then(b.gain.total_cmp(&a.gain)).then(a.page.cmp(&b.page))
-}
 
 /// Demands in the order of service, each page once, at its highest rank.
 pub fn ranked(demands: &[Demand]) -> Vec<Demand> {

@@ -1,5 +1,5 @@
 //! Quality degrades when the front does not fit into the footprint or the frame's time: the tolerance is raised, and
-//! comes back as soon as it can.
+//! comes back as soon as it can (for time: Funkhouser & Séquin 1993).
 
 use serde::Serialize;
 

@@ -104,7 +104,7 @@ pub struct FlightSummary {
     /// Stored bytes asked for: of pages that the frame lacked already, and of those fetched ahead.
     pub front_bytes: u64,
     pub ahead_bytes: u64,
-    /// Times that virtual frames waited for their pages, seconds; null where none did.
+    /// Times that frames waited for their pages, by the virtual or the real clock, seconds; null where none did.
     pub waited_s: Option<Distribution>,
 }
 
@@ -187,9 +187,10 @@ impl FlightLog {
         }
     }
 
-    /// Each frame's figure stands until the next frame; `None` where a frame has none.
+    /// Each frame's figure stands until the next frame shows, which is when it has waited; `None` where a frame has none.
     fn integral(&self, figure: impl Fn(&FrameReport) -> Option<f64>) -> Option<f64> {
-        self.frames.windows(2).map(|pair| Some(figure(&pair[0])? * (pair[1].t_s - pair[0].t_s))).sum()
+        let shown_s = |frame: &FrameReport| frame.t_s + frame.waited_s;
+        self.frames.windows(2).map(|pair| Some(figure(&pair[0])? * (shown_s(&pair[1]) - shown_s(&pair[0])))).sum()
     }
 
     fn arrival(&self, at_s: f64) -> Arrival {
@@ -200,7 +201,7 @@ impl FlightLog {
         Arrival {
             at_s,
             coverage: later.first().map(|frame| frame.coverage),
-            time_to_sharp_ms: sharp.map(|frame| (frame.t_s - at_s).max(0.0) * 1000.0),
+            time_to_sharp_ms: sharp.map(|frame| (frame.t_s + frame.waited_s - at_s).max(0.0) * 1000.0),
         }
     }
 

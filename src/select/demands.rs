@@ -5,6 +5,7 @@ use super::{Demand, Urgency};
 use crate::content::{PageId, PageKind};
 use crate::forest::CellId;
 use crate::forest::index::{IndexForest, Node, Place, SegmentRef};
+use std::cmp::Ordering;
 use std::collections::HashMap;
 
 /// Gain of the zones' coarsest terrain, before all else: with it there is never a hole.
@@ -28,6 +29,11 @@ struct Wish {
     urgency: Urgency,
     gain: f64,
     missing: bool,
+}
+
+/// More urgent first; within a class larger gain first; then by page, so that the order is total.
+pub fn service_order(a: &Demand, b: &Demand) -> Ordering {
+    b.urgency.cmp(&a.urgency).then(b.gain.total_cmp(&a.gain)).then(a.page.cmp(&b.page))
 }
 
 #[derive(Default)]
@@ -99,7 +105,7 @@ impl DemandList {
             .into_iter()
             .map(|(page, Wish { place, urgency, gain, .. })| Demand { page, place, urgency, gain })
             .collect();
-        demands.sort_by(|a, b| b.urgency.cmp(&a.urgency).then(b.gain.total_cmp(&a.gain)).then(a.page.cmp(&b.page)));
+        demands.sort_by(service_order);
         demands
     }
 }

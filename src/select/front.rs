@@ -22,7 +22,7 @@ use crate::geodesy::{GeoBounds, OrientedBox, SEMI_MAJOR_M};
 use glam::DVec3;
 
 /// How many levels below a missing page of the front finer pages may stand in for it.
-const STAND_IN_LEVELS: u8 = 3;
+pub const STAND_IN_LEVELS: u8 = 3;
 
 /// A piece before its skirts are known.
 #[derive(Clone, Copy, Debug)]

@@ -23,6 +23,8 @@ use sight::{Sight, Tolerance};
 use std::ops::Range;
 use std::sync::Arc;
 
+pub use demands::service_order;
+pub use front::STAND_IN_LEVELS;
 pub use layer::{Rep, ground_page};
 pub use region::{FrontRegion, VisitRegion};
 

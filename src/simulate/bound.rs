@@ -14,12 +14,9 @@ use crate::cells::LiveTree;
 use crate::content::{PageId, PageKind};
 use crate::forest::index::{IndexForest, Node};
 use crate::paging::least_held_bytes;
-use crate::select::{FrontRegion, LAYERS, SelectParams, layer_of, survey};
+use crate::select::{FrontRegion, LAYERS, STAND_IN_LEVELS, SelectParams, layer_of, survey};
 use crate::storage::{REQUEST_BYTES_MAX, StorageModel};
 use std::collections::HashMap;
-
-/// How many levels below a region finer pages can stand in for its own.
-const STAND_IN_LEVELS: u8 = 3;
 
 /// Bytes that a model can have given by a time since its first request, seconds.
 pub fn bytes_by(storage: &StorageModel, since_s: f64) -> f64 {

@@ -1,5 +1,5 @@
 //! Flights by a virtual clock: select and paging are driven as in real runs, the storage is a model, and nothing is drawn.
-//! No GPU, no thread, no clock: the same input and seed give the same frames to the bit, thousands of them a second.
+//! No GPU, no thread, no clock: the same input and seed give the same frames to the bit, hundreds of them a second.
 
 mod bound;
 mod pages;

@@ -75,7 +75,8 @@ impl Setup {
         }
     }
 
-    fn select_params(&self) -> SelectParams {
+    /// What selections are made by.
+    pub fn select_params(&self) -> SelectParams {
         SelectParams {
             tolerance_px: self.tolerance_px,
             threshold_px: self.threshold_px,
@@ -169,9 +170,10 @@ impl<'a> Simulation<'a> {
         ByteSize(FIXED_BYTES + index.bytes().fixed() as u64 + least_footprint_bytes(index))
     }
 
-    /// Tells the path, for what may know it.
+    /// Tells the path, for what may know it; its start is when the clock starts.
     pub fn know(&mut self, path: Arc<FlightPath>) {
-        self.planner.set_way(Some(Arc::new(move |t_s| path.at(t_s))));
+        let start_s = path.start_s();
+        self.planner.set_way(Some(Arc::new(move |since_s| path.at(start_s + since_s))));
     }
 
     fn load_pinned(&mut self) -> Result<(), SimulationError> {
@@ -188,6 +190,7 @@ impl<'a> Simulation<'a> {
                 }
             }
         }
+        self.manager.forget_pace();
         Ok(())
     }
 
@@ -259,7 +262,7 @@ impl<'a> Simulation<'a> {
 
     /// True when a page that `selection` draws was dropped.
     fn command(&mut self, selection: &Selection, demands: &[Demand], now_s: f64) -> bool {
-        let commands = self.manager.update(demands, now_s);
+        let commands = self.manager.update_for(&selection.demands, demands, now_s);
         let evicts = commands.iter().any(|command| matches!(command, Command::Evict(_)));
         let drawn: HashSet<PageId> = if evicts { drawn_pages(selection).collect() } else { HashSet::new() };
         let mut hurt = false;
@@ -290,8 +293,9 @@ impl<'a> Simulation<'a> {
         let request = Request { id: read.id, file: read.file_number(), offset: read.offset, parts: ends };
         let started = self.disk.start(request, now_s);
         for &(page, _) in &read.pages {
-            self.reads.insert(page, read.id);
-            if !started {
+            if started {
+                self.reads.insert(page, read.id);
+            } else {
                 self.complete(page, Completion::Cancelled, now_s);
             }
         }
@@ -350,7 +354,7 @@ impl<'a> Simulation<'a> {
         self.planner.plan(&seen, &selection.demands)
     }
 
-    /// The frame at a time, which must not fall. `start_s` is when the clock started.
+    /// The frame at a time since the start of the clock, which must not fall.
     pub fn frame(&mut self, view: &View, t_s: f64) -> Frame {
         self.receive(t_s);
         let mut selection = self.choose(view);

@@ -85,7 +85,7 @@ impl StorageModel {
         let latency_bytes = self.latency_secs * self.bytes_per_sec;
         ReadLimits {
             in_flight: (self.parallel as f64 * (1.0 + turns)).min(IN_FLIGHT_MAX) as usize,
-            bytes_in_flight: (self.bytes_per_sec * (self.latency_secs + step_s)) as u64,
+            bytes_in_flight: (self.bytes_per_sec * (self.latency_secs + step_s)).max(1.0) as u64,
             run_bytes: (RUN_SHARE * latency_bytes).clamp(*RUN_BYTES.start(), *RUN_BYTES.end()) as u32,
             gap_bytes: (GAP_SHARE * latency_bytes / self.parallel as f64).min(*RUN_BYTES.end()) as u32,
         }

@@ -116,7 +116,7 @@ pub struct Arguments {
     #[arg(long, value_name = "S", value_parser = cli::positive, conflicts_with = "live")]
     step_secs: Option<f64>,
     /// What is fetched, and in which order: demand (the front only), front, range, vgis, foresight, oracle (knows the
-    /// path)
+    /// path); --settled and --sync-reads fetch the front alone, whatever the policy
     #[arg(long, value_name = "NAME", default_value_t)]
     policy: PolicyName,
     /// Parameters of policies, JSON, by policy: {"foresight": {"reach_s": 2}}; what is left out has its default

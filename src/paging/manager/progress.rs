@@ -24,7 +24,7 @@ pub struct PageCounts {
     pub requested: u64,
     /// Whether wanted now or not.
     pub failed: u64,
-    /// Demanded in the last update, neither resident nor given up: asked for, or waiting for their turn.
+    /// Demanded in the last update as more than predicted, neither resident nor given up: asked for, or waiting for their turn.
     pub missing: u64,
 }
 

@@ -15,7 +15,7 @@
 //!
 //! `oracle` is the same with the path told beforehand, and looks further.
 
-use super::{Policy, Situation};
+use super::{Policy, Situation, is_due};
 use crate::camera::View;
 use crate::content::PageId;
 use crate::forest::index::Place;
@@ -29,10 +29,10 @@ use std::ops::Range;
 #[serde(default, deny_unknown_fields)]
 pub struct ForesightParams {
     /// How many views are foretold, and for how long after the lead time, seconds: the first for its end, the others
-    /// ever further apart.
+    /// ever further apart. Views 1 to 64, reach 0.001 to 60.
     pub views: u32,
     pub reach_s: f64,
-    /// Time constant with which trust in them falls, seconds.
+    /// Time constant with which trust in them falls, seconds, at least 0.001; a way that is told to `oracle` is trusted.
     pub trust_s: f64,
     /// Factor on the uncertainty by which they are wider; 0 takes them as certain.
     pub widen: f64,
@@ -79,6 +79,9 @@ impl ForesightParams {
 const SEGMENT_GAIN: f64 = 1e12;
 /// What a region of the next view counts that has no share of the screen.
 const SHARE_MIN: f64 = 1e-9;
+/// Times of parameters are at least this, and views are foretold no further than that, seconds.
+const TIME_MIN_S: f64 = 1e-3;
+const REACH_MAX_S: f64 = 60.0;
 /// Views foretold at most.
 const VIEWS_MAX: u32 = 64;
 /// What a page counts that is held and would not be missed: it is the last to be asked for, and the first to go.
@@ -129,15 +132,13 @@ struct Outlook {
 
 impl Foresight {
     pub fn new(params: ForesightParams) -> Self {
+        let (reach_s, trust_s) = (params.reach_s.clamp(TIME_MIN_S, REACH_MAX_S), params.trust_s.max(TIME_MIN_S));
+        let params = ForesightParams { reach_s, trust_s, ..params };
         Self { params, is_oracle: false, plan: Vec::new(), planned_s: None }
     }
 
     pub fn oracle(params: ForesightParams) -> Self {
         Self { is_oracle: true, ..Self::new(params) }
-    }
-
-    fn is_due(&self, now_s: f64) -> bool {
-        self.planned_s.is_none_or(|planned_s| now_s < planned_s || now_s - planned_s >= self.params.replan_s - 1e-9)
     }
 
     /// Views with the time that each stands for, seconds, discounted by trust; the first is that of the lead time.
@@ -195,7 +196,7 @@ impl Foresight {
 impl Policy for Foresight {
     fn demands(&mut self, situation: &Situation<'_>, front: &[Demand]) -> Vec<Demand> {
         let frame = &situation.frame;
-        if self.is_due(frame.now_s) {
+        if is_due(self.planned_s, frame.now_s, self.params.replan_s) {
             self.plan = self.make_plan(situation);
             self.planned_s = Some(frame.now_s);
         }

@@ -21,7 +21,7 @@ mod candidates;
 mod priority;
 
 use super::wide::widened;
-use super::{Policy, Situation};
+use super::{Policy, Situation, is_due};
 use crate::camera::View;
 use crate::select::Demand;
 use bins::Bins;
@@ -77,10 +77,6 @@ impl FrontPolicy {
     pub fn new(params: FrontParams) -> Self {
         Self { params, bins: Bins::new(params.bins), plan: Vec::new(), planned_s: None }
     }
-
-    fn is_due(&self, now_s: f64) -> bool {
-        self.planned_s.is_none_or(|planned_s| now_s < planned_s || now_s - planned_s >= self.params.replan_s - 1e-9)
-    }
 }
 
 /// The view that prefetching looks at: as much wider as a pan at this rate turns it within the look-ahead time.
@@ -92,7 +88,7 @@ fn prefetch_view(params: &FrontParams, view: &View, turn_rad_per_s: [f64; 2]) ->
 
 impl Policy for FrontPolicy {
     fn demands(&mut self, situation: &Situation<'_>, front: &[Demand]) -> Vec<Demand> {
-        if self.is_due(situation.frame.now_s) {
+        if is_due(self.planned_s, situation.frame.now_s, self.params.replan_s) {
             let wide = prefetch_view(&self.params, situation.frame.view, situation.forecast.turn_rad_per_s());
             let candidates = Candidates::gather(&self.params, situation, &wide, front);
             self.plan = self.bins.fill(candidates);

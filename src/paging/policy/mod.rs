@@ -118,6 +118,11 @@ pub struct Situation<'a> {
     pub level_skip: bool,
 }
 
+/// Whether a plan is to be made anew: after `replan_s`, and when time went back.
+fn is_due(planned_s: Option<f64>, now_s: f64, replan_s: f64) -> bool {
+    planned_s.is_none_or(|planned_s| now_s < planned_s || now_s - planned_s >= replan_s - 1e-9)
+}
+
 /// Turns the front of a frame into demands.
 pub trait Policy: Send {
     /// All demands of the frame, in any order: those of `front` that are still wanted, and those for later frames.

@@ -21,7 +21,7 @@ mod lookahead;
 mod observer;
 mod surveys;
 
-use super::{Policy, Situation};
+use super::{Policy, Situation, is_due};
 use crate::camera::{MAX_HEIGHTS_PER_S, MAX_LOG_HEIGHT_PER_S};
 use crate::select::Demand;
 use directions::{Direction, reachable};
@@ -93,10 +93,6 @@ impl RangePolicy {
         Self { params, surveys: Surveys::default(), plan: Vec::new(), planned_s: None }
     }
 
-    fn is_due(&self, now_s: f64) -> bool {
-        self.planned_s.is_none_or(|planned_s| now_s < planned_s || now_s - planned_s >= self.params.replan_s - 1e-9)
-    }
-
     fn make_plan(&mut self, situation: &Situation<'_>) -> Vec<Demand> {
         let eye = Eye { place: situation.frame.view.pose.eye, above_m: situation.forecast.above_m() };
         let mut lookahead = Lookahead::new(&self.params, situation);
@@ -114,7 +110,7 @@ impl RangePolicy {
 
 impl Policy for RangePolicy {
     fn demands(&mut self, situation: &Situation<'_>, front: &[Demand]) -> Vec<Demand> {
-        if self.is_due(situation.frame.now_s) {
+        if is_due(self.planned_s, situation.frame.now_s, self.params.replan_s) {
             self.plan = self.make_plan(situation);
             self.planned_s = Some(situation.frame.now_s);
         }

@@ -6,7 +6,7 @@
 //! wants. Their predictor is linear in speed and direction; ours is that of all policies, without its uncertainty.
 
 use super::{Policy, Situation};
-use crate::content::PageId;
+use crate::content::{PageId, PageKind};
 use crate::select::{Demand, FrontRegion, Urgency, survey};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
@@ -25,13 +25,18 @@ impl Default for VgisParams {
     }
 }
 
+/// What a segment of the index counts: above all pages.
+const SEGMENT_GAIN: f64 = 1e12;
+/// Lead times that a view is foretold for at most.
+const LEADS_MAX: f64 = 100.0;
+
 pub struct VgisPolicy {
     params: VgisParams,
 }
 
 impl VgisPolicy {
     pub fn new(params: VgisParams) -> Self {
-        Self { params }
+        Self { params: VgisParams { leads: params.leads.clamp(0.0, LEADS_MAX), ..params } }
     }
 }
 
@@ -47,7 +52,9 @@ impl Policy for VgisPolicy {
             let fall_px = region.drawn_px - region.error_px(Some(region.front)).max(asked_px);
             let demand =
                 wanted.entry(page).or_insert(Demand { page, place: rep.place, urgency: Urgency::Visible, gain: 0.0 });
-            demand.gain += region.share * fall_px.max(0.0) / f64::from(rep.place.len.max(1));
+            // What a segment tells of cannot be asked for before it is there.
+            let first = if region.kind == PageKind::Segment { SEGMENT_GAIN } else { 0.0 };
+            demand.gain += first + region.share * fall_px.max(0.0) / f64::from(rep.place.len.max(1));
         });
         let passed = |demand: &&Demand| {
             situation.level_skip

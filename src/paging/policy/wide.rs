@@ -1,4 +1,5 @@
-//! Views that are wider than the present one, with the same pixels per radian in the middle.
+//! Views that are wider than the present one, with the same pixels per radian in the middle (the prefetch frustum of
+//! Varadhan & Manocha 2002, §4.2).
 
 use crate::camera::View;
 

@@ -31,7 +31,10 @@ impl Bins {
     }
 
     fn bin(&self, distance: f64) -> u32 {
-        // Beyond the interval, and where no number comes out, is the last bin.
+        if distance.is_nan() {
+            return self.count - 1;
+        }
+        // Beyond the interval is the last bin.
         ((distance * f64::from(self.count)) as u32).min(self.count - 1)
     }
 

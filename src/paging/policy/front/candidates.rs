@@ -1,4 +1,5 @@
-//! What the front of the widened view may want next: PAR and CHD of its reps, and what a pan brings into view.
+//! What the front of the widened view may want next: PAR and CHD of its reps, and what a pan brings into view
+//! (Varadhan & Manocha 2002, §4.2; the terms in §3.1).
 
 use super::super::Situation;
 use super::super::wide::half_diagonal_rad;

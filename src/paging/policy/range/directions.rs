@@ -1,4 +1,5 @@
-//! Where an observer looks: bands of pitch, cut into sectors of heading.
+//! Where an observer looks: bands of pitch, cut into sectors of heading (the range of directions of Funkhouser 1996,
+//! §4.1).
 
 use super::super::wide::{unrolled, widened};
 use crate::camera::{Pose, View};
