@@ -229,22 +229,27 @@ impl RequestManager {
     /// Demands of the frame in any order, resident pages included; `now_secs` from any start. What is more than
     /// predicted is the frame's front.
     pub fn update(&mut self, demands: &[Demand], now_secs: f64) -> Vec<Command> {
-        self.update_for(demands, demands, now_secs)
+        let demands = ranked(demands);
+        self.update_ranked(&demands, &demands, now_secs)
     }
 
     /// The same for a frame whose front is that of `front`: by it reads are counted as the frame's own or as ahead of it.
+    /// `front` names each page once.
     pub fn update_for(&mut self, front: &[Demand], demands: &[Demand], now_secs: f64) -> Vec<Command> {
-        let front = ranked(front);
-        self.front_bytes = self.front_bytes_of(&front);
-        self.front = front.iter().filter(|demand| is_front(demand)).map(|demand| demand.page).collect();
-        let demands = ranked(demands);
+        self.update_ranked(front, &ranked(demands), now_secs)
+    }
+
+    fn update_ranked(&mut self, front: &[Demand], demands: &[Demand], now_secs: f64) -> Vec<Command> {
+        self.front_bytes = self.front_bytes_of(front);
+        self.front.clear();
+        self.front.extend(front.iter().filter(|demand| is_front(demand)).map(|demand| demand.page));
         self.updates += 1;
         self.refill();
-        self.note_wanted(&demands);
+        self.note_wanted(demands);
         let mut commands = Vec::new();
         self.cancel_unwanted(&mut commands);
-        self.get_under_limit(&demands, &mut commands);
-        self.start_wanted(&demands, now_secs, &mut commands);
+        self.get_under_limit(demands, &mut commands);
+        self.start_wanted(demands, now_secs, &mut commands);
         self.missing = demands.iter().filter(|demand| is_front(demand) && self.is_awaited(demand.page)).count();
         commands
     }
