@@ -36,7 +36,7 @@ pub struct VgisPolicy {
 
 impl VgisPolicy {
     pub fn new(params: VgisParams) -> Self {
-        Self { params: VgisParams { leads: params.leads.clamp(0.0, LEADS_MAX), ..params } }
+        Self { params: VgisParams { leads: params.leads.clamp(0.0, LEADS_MAX) } }
     }
 }
 
