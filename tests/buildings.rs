@@ -225,3 +225,17 @@ fn a_wrong_type_in_a_file_is_one_clear_error() {
         assert!(error.contains(file), "{error}");
     }
 }
+
+#[test]
+fn swellendams_buildings_come_from_one_table_of_a_geopackage() {
+    let Some(data) = data() else { return };
+    let folder = data.join("swellendam");
+    let refused = gather(&section("training_data.gpkg", ""), &folder, VerticalDatum::Ellipsoid, &FLAT, &|_| ());
+    let told = refused.err().unwrap().to_string();
+    assert!(told.contains("buildings, restaurants, schools"), "{told}");
+    let town = gathered(&folder, "training_data.gpkg", "layer = \"buildings\"\nlevels = \"building:levels\"");
+    print_counts("Swellendam", &town);
+    let set_aside: u64 = town.set_aside.values().sum();
+    assert_eq!(town.features + set_aside, 4_708);
+    assert!(set_aside < 30, "{:?}", town.set_aside);
+}

@@ -136,6 +136,7 @@ pub struct BuildingsSection {
     pub copies: Option<String>,
     pub crs: Option<String>,
     pub nodata: Option<f64>,
+    /// The table of a GeoPackage.
     pub layer: Option<String>,
     #[serde(default)]
     pub credit: String,
@@ -228,13 +229,10 @@ impl Recipe {
         if self.elevation.is_empty() && self.imagery.is_empty() && self.buildings.is_empty() {
             return Err(bad("", "holds no sources; add [[elevation]], [[imagery]] or [[buildings]]".into()));
         }
-        let layered = self.imagery.iter().any(|section| section.layer.is_some())
-            || self.buildings.iter().any(|section| section.layer.is_some());
-        if layered {
-            return Err(bad(
-                "layer",
-                "`layer` names a variable of a netCDF file of elevation; take it out here".into(),
-            ));
+        if self.imagery.iter().any(|section| section.layer.is_some()) {
+            let what =
+                "`layer` names a variable of a netCDF file of elevation, or a table of a GeoPackage; take it out here";
+            return Err(bad("layer", what.into()));
         }
         for section in &self.elevation {
             if let Some([low, high]) =

@@ -41,6 +41,28 @@ impl SourceFile {
         has_extension(&self.name(), extensions)
     }
 
+    /// The file beside it of the same name with another extension (lower case), whatever its cases.
+    pub fn sibling(&self, extension: &str) -> Result<Option<Self>, PrepareError> {
+        let wanted = |path: &Path| Path::new(path).with_extension(extension).to_string_lossy().to_ascii_lowercase();
+        let is_it = |path: &Path, own: &Path| path.to_string_lossy().to_ascii_lowercase() == wanted(own);
+        let Some(inside) = &self.inside else {
+            let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            let name = self.path.file_name().map(Path::new).unwrap_or(&self.path);
+            let found = list_folder(folder)?
+                .into_iter()
+                .find(|path| path.file_name().is_some_and(|n| is_it(Path::new(n), name)));
+            return Ok(found.map(|path| Self { path, inside: None }));
+        };
+        let zip = open_zip(&self.path)?;
+        for name in zip.file_names() {
+            let name = name.map_err(|e| PrepareError::damaged(self.path.display(), "zip directory", e))?;
+            if is_it(Path::new(&*name), Path::new(inside)) {
+                return Ok(Some(Self { path: self.path.clone(), inside: Some(name.into_owned()) }));
+            }
+        }
+        Ok(None)
+    }
+
     /// The whole file; those in a .zip are unpacked into memory.
     pub fn read(&self) -> Result<Vec<u8>, PrepareError> {
         let Some(inside) = &self.inside else {

@@ -159,7 +159,7 @@ fn gather_file(
     let summary = std::thread::scope(|scope| {
         let reader = std::thread::Builder::new().name("read footprints".into()).spawn_scoped(scope, move || {
             let mut batch = Vec::with_capacity(BATCH);
-            let read = read_footprints(file, section.crs.as_deref(), &mut |feature| {
+            let read = read_footprints(file, section.crs.as_deref(), section.layer.as_deref(), &mut |feature| {
                 batch.push(feature);
                 if batch.len() == BATCH {
                     // A worker that went away has an error of its own to tell.

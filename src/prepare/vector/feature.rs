@@ -26,3 +26,31 @@ impl Feature {
         self.polygons.iter_mut().flatten().flatten()
     }
 }
+
+/// The polygons of a geometry; what is none of these is said.
+pub fn polygons_of(geometry: geo::Geometry) -> Result<Vec<FootprintPolygon>, String> {
+    let mut polygons = Vec::new();
+    collect(geometry, &mut polygons)?;
+    Ok(polygons)
+}
+
+fn collect(geometry: geo::Geometry, polygons: &mut Vec<FootprintPolygon>) -> Result<(), String> {
+    match geometry {
+        geo::Geometry::Polygon(polygon) => polygons.push(rings(&polygon)),
+        geo::Geometry::MultiPolygon(parts) => polygons.extend(parts.iter().map(rings)),
+        geo::Geometry::GeometryCollection(parts) => {
+            for part in parts {
+                collect(part, polygons)?;
+            }
+        }
+        _ => return Err("its geometry is no Polygon or MultiPolygon".into()),
+    }
+    Ok(())
+}
+
+fn rings(polygon: &geo::Polygon) -> FootprintPolygon {
+    std::iter::once(polygon.exterior())
+        .chain(polygon.interiors())
+        .map(|ring| ring.coords().map(|point| [point.x, point.y]).collect())
+        .collect()
+}

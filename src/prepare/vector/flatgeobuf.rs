@@ -1,6 +1,7 @@
 //! FlatGeobuf 3.
 
 use super::crs::ToLonLat;
+use super::feature::polygons_of;
 use super::{Feature, ReadSummary, Visit};
 use crate::prepare::PrepareError;
 use flatgeobuf::{FallibleStreamingIterator, FeatureProperties, FgbFeature, FgbReader, GeometryType, Header};
@@ -62,30 +63,8 @@ fn convert(raw: &FgbFeature, number: u64) -> Result<Feature, String> {
     let mut properties = Properties::default();
     raw.process_properties(&mut properties).map_err(|error| error.to_string())?;
     let geometry = raw.to_geo().map_err(|error| error.to_string())?;
-    let mut polygons = Vec::new();
-    collect(geometry, &mut polygons)?;
+    let polygons = polygons_of(geometry)?;
     Ok(Feature { number, id: None, polygons, attributes: properties.0, ground: None })
-}
-
-fn collect(geometry: geo::Geometry, polygons: &mut Vec<super::FootprintPolygon>) -> Result<(), String> {
-    match geometry {
-        geo::Geometry::Polygon(polygon) => polygons.push(rings(&polygon)),
-        geo::Geometry::MultiPolygon(parts) => polygons.extend(parts.iter().map(rings)),
-        geo::Geometry::GeometryCollection(parts) => {
-            for part in parts {
-                collect(part, polygons)?;
-            }
-        }
-        _ => return Err("its geometry is no Polygon or MultiPolygon".into()),
-    }
-    Ok(())
-}
-
-fn rings(polygon: &geo::Polygon) -> super::FootprintPolygon {
-    std::iter::once(polygon.exterior())
-        .chain(polygon.interiors())
-        .map(|ring| ring.coords().map(|point| [point.x, point.y]).collect())
-        .collect()
 }
 
 #[derive(Default)]

@@ -1,12 +1,14 @@
-//! Readers of footprints: GeoJSON (collections and one feature a line), FlatGeobuf (also inside a .zip) and
-//! OpenStreetMap extracts. All stream features in longitude and latitude to a visitor.
+//! Readers of footprints: GeoJSON (collections and one feature a line), FlatGeobuf and shapefiles (also inside a .zip),
+//! GeoPackage and OpenStreetMap extracts. All stream features in longitude and latitude to a visitor.
 
 mod crs;
 mod feature;
 mod flatgeobuf;
 mod geojson;
+mod geopackage;
 pub mod osm;
 mod osm_buildings;
+mod shapefile;
 
 pub use feature::{Feature, FootprintPolygon, Ring};
 pub use osm_buildings::OsmBuildingCounts;
@@ -15,7 +17,8 @@ use super::PrepareError;
 use super::source::SourceFile;
 
 /// Endings of the files that hold footprints.
-pub const EXTENSIONS: [&str; 7] = ["geojson", "json", "geojsonl", "geojsons", "ndjson", "fgb", "osm.pbf"];
+pub const EXTENSIONS: [&str; 9] =
+    ["geojson", "json", "geojsonl", "geojsons", "ndjson", "fgb", "shp", "gpkg", "osm.pbf"];
 
 /// What a visitor of features gives back; an error stops the reading.
 pub type Visit<'a> = dyn FnMut(Feature) -> Result<(), PrepareError> + 'a;
@@ -30,11 +33,24 @@ pub struct ReadSummary {
     pub osm: Option<OsmBuildingCounts>,
 }
 
-/// Reads all footprints of one file, in the file's order; numbers count from 1. `crs` overrides what the file says.
-pub fn read_footprints(file: &SourceFile, crs: Option<&str>, visit: &mut Visit) -> Result<ReadSummary, PrepareError> {
-    match Format::of(file)? {
+/// Reads all footprints of one file, in the file's order; numbers count from 1. `crs` overrides what the file says;
+/// `layer` names the table of a GeoPackage that has several.
+pub fn read_footprints(
+    file: &SourceFile,
+    crs: Option<&str>,
+    layer: Option<&str>,
+    visit: &mut Visit,
+) -> Result<ReadSummary, PrepareError> {
+    let format = Format::of(file)?;
+    if let Some(layer) = layer.filter(|_| format != Format::GeoPackage) {
+        let remedy = "leave `layer` out: only a GeoPackage has layers";
+        return Err(PrepareError::unsupported(file, "its kind", format!("a layer ({layer}) of such a file"), remedy));
+    }
+    match format {
         Format::GeoJson => geojson::read(&file.to_string(), file.open()?, crs, visit),
         Format::FlatGeobuf => flatgeobuf::read(&file.to_string(), file.open()?, crs, visit),
+        Format::Shapefile => shapefile::read(file, crs, visit),
+        Format::GeoPackage => geopackage::read(file, crs, layer, visit),
         Format::OsmPbf => osm_buildings::read(file, visit),
     }
 }
@@ -43,6 +59,8 @@ pub fn read_footprints(file: &SourceFile, crs: Option<&str>, visit: &mut Visit) 
 enum Format {
     GeoJson,
     FlatGeobuf,
+    Shapefile,
+    GeoPackage,
     OsmPbf,
 }
 
@@ -50,12 +68,16 @@ impl Format {
     fn of(file: &SourceFile) -> Result<Self, PrepareError> {
         if file.has_extension(&["fgb"]) {
             Ok(Self::FlatGeobuf)
+        } else if file.has_extension(&["shp"]) {
+            Ok(Self::Shapefile)
+        } else if file.has_extension(&["gpkg"]) {
+            Ok(Self::GeoPackage)
         } else if file.has_extension(&["pbf"]) {
             Ok(Self::OsmPbf)
         } else if file.has_extension(&EXTENSIONS) {
             Ok(Self::GeoJson)
         } else {
-            let remedy = "give .geojson, .json, .geojsonl, .fgb (also inside a .zip) or .osm.pbf";
+            let remedy = "give .geojson, .json, .geojsonl, .fgb, .shp (also inside a .zip), .gpkg or .osm.pbf";
             Err(PrepareError::unsupported(file, "its name", "this kind of file of footprints", remedy))
         }
     }
