@@ -199,6 +199,29 @@ fn a_city_is_the_same_from_a_shapefile_and_a_geopackage() {
 }
 
 #[test]
+fn a_geopackage_is_read_without_a_trace() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("50 % of #1?.gpkg");
+    write_geopackage(&file, &buildings());
+    let database = Connection::open(&file).unwrap();
+    database.pragma_update(None, "journal_mode", "wal").unwrap();
+    drop(database);
+    let names = || {
+        let entries = std::fs::read_dir(folder.path()).unwrap();
+        let mut names: Vec<_> = entries.map(|entry| entry.unwrap().file_name()).collect();
+        names.sort();
+        names
+    };
+    let read = || gathered(folder.path(), "50 % of #1?.gpkg", "layer = \"a\"").features;
+    let (before, bytes) = (names(), std::fs::read(&file).unwrap());
+    assert_eq!((read(), names(), std::fs::read(&file).unwrap()), (100, before, bytes));
+    // Another program has it open, and has not yet moved its newest rows into the file.
+    let editor = Connection::open(&file).unwrap();
+    editor.execute("DELETE FROM a WHERE fid BETWEEN 1001 AND 1010", []).unwrap();
+    assert_eq!(read(), 90);
+}
+
+#[test]
 fn broken_files_are_told_by_name() {
     let folder = tempfile::tempdir().unwrap();
     write_shapefile(&folder.path().join("b.shp"), &buildings());

@@ -10,6 +10,7 @@ use geozero::wkb::GpkgWkb;
 use rusqlite::types::ValueRef;
 use rusqlite::{Connection, OpenFlags, Row};
 use serde_json::{Map, Value};
+use std::path::Path;
 
 /// Rows without a geometry, and geometries that are no polygons.
 const NO_GEOMETRY: &str = "row without a geometry";
@@ -38,8 +39,7 @@ pub fn read(
     }
     let malformed =
         |error: rusqlite::Error| PrepareError::damaged(file, "its tables", format!("{error}; it must be a GeoPackage"));
-    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
-    let database = Connection::open_with_flags(&file.path, flags).map_err(malformed)?;
+    let database = open(&file.path).map_err(malformed)?;
     let layer = choose(file, layers(&database).map_err(malformed)?, wanted)?;
     let name = format!("{file}, layer {}", layer.table);
     let to_lon_lat = ToLonLat::new(&name, crs.or(Some(&layer.crs)))?;
@@ -61,6 +61,23 @@ pub fn read(
         }
     }
     Ok(summary)
+}
+
+/// Opens a database to be read, and leaves nothing beside it: SQLite would, where it is kept with a write-ahead log.
+/// While such a log holds rows that are not in the file yet, they count.
+fn open(path: &Path) -> rusqlite::Result<Connection> {
+    let mut log = path.as_os_str().to_owned();
+    log.push("-wal");
+    let has_log = std::fs::metadata(log).is_ok_and(|log| log.len() > 0);
+    let flags = OpenFlags::SQLITE_OPEN_READ_ONLY | OpenFlags::SQLITE_OPEN_NO_MUTEX;
+    match path.to_str() {
+        Some(name) if !has_log => {
+            let name = name.replace('%', "%25").replace('?', "%3f").replace('#', "%23");
+            let uri = format!("file:{name}?immutable=1");
+            Connection::open_with_flags(uri, flags | OpenFlags::SQLITE_OPEN_URI)
+        }
+        _ => Connection::open_with_flags(path, flags),
+    }
 }
 
 /// The table that is wanted, or the only one.
