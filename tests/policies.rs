@@ -13,8 +13,8 @@ use stoop::forest::CellId;
 use stoop::forest::index::{IndexForest, IndexTree};
 use stoop::geodesy::{Geodetic, OrientedBox, SEMI_MAJOR_M};
 use stoop::paging::{
-    Command, Completion, Event, Frame, Limits, Planner, PlannerParams, PolicyName, PolicyParams, RequestManager,
-    ranked, service_order,
+    Command, Completion, Event, ForesightParams, Frame, Limits, Planner, PlannerParams, PolicyName, PolicyParams,
+    RequestManager, ranked, service_order,
 };
 use stoop::select::{Demand, ObjectsMode, OutOfView, SelectParams, Urgency, ground_page, select};
 
@@ -422,4 +422,13 @@ fn wild_parameters_do_no_harm() {
             }
         }
     }
+}
+
+#[test]
+fn parameters_that_a_file_leaves_out_are_the_policys_own() {
+    let params: PolicyParams = serde_json::from_str(r#"{"oracle": {"views": 3}, "foresight": {"widen": 2}}"#).unwrap();
+    let expected = PolicyParams::default();
+    assert_eq!(params.oracle, ForesightParams { views: 3, ..expected.oracle });
+    assert_eq!(params.foresight, ForesightParams { widen: 2.0, ..expected.foresight });
+    assert!(serde_json::from_str::<PolicyParams>(r#"{"oracle": {"view": 3}}"#).is_err());
 }

@@ -241,11 +241,7 @@ impl Scene {
             bytes_read: traffic.bytes_read,
             seeks: traffic.seeks,
             requests: traffic.requests,
-            cancelled: stats.cancelled,
-            failed: stats.failed,
-            evicted: stats.evicted,
-            front_bytes: stats.front_bytes_started,
-            ahead_bytes: stats.ahead_bytes_started,
+            ..Totals::of(&stats)
         }
     }
 

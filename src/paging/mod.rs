@@ -27,7 +27,7 @@ pub use manager::{
 pub use order::{is_front, ranked};
 pub use pace::Pace;
 pub use planner::{Frame, Planner, PlannerParams};
-pub use policy::{PolicyName, PolicyParams, UnknownPolicy};
+pub use policy::{ForesightParams, FrontParams, PolicyName, PolicyParams, RangeParams, UnknownPolicy, VgisParams};
 pub use report::{FrameReport, FrameTimings, Totals};
 pub use servers::{
     Delivery, InlineServer, Outcome, PageReader, PageServer, ReadError, SHUTDOWN_WAIT, ServerError, ServerLimits,

@@ -1,5 +1,6 @@
 //! What one frame did and cost: feeds the display, the tests, the charts and the logs.
 
+use super::manager::ManagerStats;
 use super::tolerance::Lack;
 use crate::select::SelectStats;
 use serde::Serialize;
@@ -109,6 +110,20 @@ pub struct Totals {
     pub evicted: u64,
     pub front_bytes: u64,
     pub ahead_bytes: u64,
+}
+
+impl Totals {
+    /// With what the request manager has counted.
+    pub fn of(stats: &ManagerStats) -> Self {
+        Self {
+            cancelled: stats.cancelled,
+            failed: stats.failed,
+            evicted: stats.evicted,
+            front_bytes: stats.front_bytes_started,
+            ahead_bytes: stats.ahead_bytes_started,
+            ..Self::default()
+        }
+    }
 }
 
 impl FrameReport {

@@ -397,11 +397,7 @@ impl<'a> Simulation<'a> {
             bytes_read: traffic.bytes,
             seeks: traffic.seeks,
             requests: traffic.requests,
-            cancelled: stats.cancelled,
-            failed: stats.failed,
-            evicted: stats.evicted,
-            front_bytes: stats.front_bytes_started,
-            ahead_bytes: stats.ahead_bytes_started,
+            ..Totals::of(&stats)
         }
     }
 

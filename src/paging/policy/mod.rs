@@ -17,7 +17,8 @@ pub use vgis::VgisParams;
 use super::forecast::Forecast;
 use super::planner::Frame;
 use crate::select::Demand;
-use serde::{Deserialize, Serialize};
+use serde::de::Error;
+use serde::{Deserialize, Deserializer, Serialize};
 use std::fmt;
 use std::str::FromStr;
 
@@ -92,7 +93,16 @@ pub struct PolicyParams {
     pub range: RangeParams,
     pub vgis: VgisParams,
     pub foresight: ForesightParams,
+    #[serde(deserialize_with = "over_oracle")]
     pub oracle: ForesightParams,
+}
+
+/// What a file leaves out of the oracle's parameters is as the oracle has it, not as `foresight` has.
+fn over_oracle<'de, D: Deserializer<'de>>(deserializer: D) -> Result<ForesightParams, D::Error> {
+    let given = serde_json::Map::deserialize(deserializer)?;
+    let mut params = serde_json::to_value(ForesightParams::oracle()).map_err(D::Error::custom)?;
+    given.into_iter().for_each(|(name, value)| params[name] = value);
+    serde_json::from_value(params).map_err(D::Error::custom)
 }
 
 impl Default for PolicyParams {

@@ -25,10 +25,8 @@ pub fn read(file: &SourceFile, crs: Option<&str>, visit: &mut Visit) -> Result<R
     let shapes = ShapeReader::new(file.open()?).map_err(|error| malformed(error.to_string(), 0))?;
     let mut reader = shapefile::Reader::new(shapes, open_table(file)?);
     let mut summary = ReadSummary::default();
-    let mut count = 0;
-    for record in reader.iter_shapes_and_records() {
-        let (shape, record) = record.map_err(|error| malformed(error.to_string(), count))?;
-        count += 1;
+    for (before, record) in (0..).zip(reader.iter_shapes_and_records()) {
+        let (shape, record) = record.map_err(|error| malformed(error.to_string(), before))?;
         let polygons = match shape {
             Shape::NullShape => Err(NO_SHAPE),
             shape => geo::Geometry::try_from(shape)
@@ -38,7 +36,7 @@ pub fn read(file: &SourceFile, crs: Option<&str>, visit: &mut Visit) -> Result<R
         match polygons {
             Ok(polygons) => {
                 let attributes = attributes(record);
-                let mut feature = Feature { number: count, id: None, polygons, attributes, ground: None };
+                let mut feature = Feature { number: before + 1, id: None, polygons, attributes, ground: None };
                 to_lon_lat.apply(&name, &mut feature)?;
                 visit(feature)?;
                 summary.features += 1;
