@@ -9,6 +9,7 @@ use shapefile::{Point, Polygon, PolygonRing};
 use std::f64::consts::FRAC_PI_4;
 use std::io::Write;
 use std::path::Path;
+use std::process::Command;
 use stoop::geodesy::VerticalDatum;
 use stoop::prepare::PrepareError;
 use stoop::prepare::buildings::{Gathered, Ground, Placed, gather};
@@ -166,6 +167,32 @@ fn all_formats_give_the_same_buildings() {
     }
     zip.finish().unwrap();
     assert_alike(&gathered(folder.path(), "d.zip", ""), &expected, "zipped shapefile");
+}
+
+/// Prepares a world of one file of buildings; gives the hash of what it was made of.
+fn prepare(folder: &Path, file: &str) -> String {
+    let (recipe, out) = (folder.join("recipe.toml"), folder.join("world"));
+    std::fs::write(&recipe, format!("name = \"city\"\n[[buildings]]\nname = \"houses\"\nfile = \"{file}\"\n")).unwrap();
+    let ran = Command::new(env!("CARGO_BIN_EXE_stoop-prepare")).arg(&recipe).arg("--out").arg(&out).output().unwrap();
+    assert!(ran.status.success(), "{}", String::from_utf8_lossy(&ran.stderr));
+    let manifest: serde_json::Value =
+        serde_json::from_str(&std::fs::read_to_string(out.join("world.json")).unwrap()).unwrap();
+    std::fs::remove_dir_all(out).unwrap();
+    manifest["recipe_hash"].to_string()
+}
+
+#[test]
+fn a_folder_of_shapefiles_becomes_a_world_and_all_its_parts_count() {
+    let folder = tempfile::tempdir().unwrap();
+    let shapes = folder.path().join("shapes");
+    std::fs::create_dir(&shapes).unwrap();
+    write_shapefile(&shapes.join("b.shp"), &buildings());
+    let first = prepare(folder.path(), "shapes");
+    assert_eq!(first, prepare(folder.path(), "shapes"));
+    let mut higher = buildings();
+    higher[7].height_m += 1.0;
+    write_shapefile(&shapes.join("b.shp"), &higher);
+    assert_ne!(first, prepare(folder.path(), "shapes"), "only the .dbf differs");
 }
 
 /// 20,000 buildings of the test city, written by other libraries' writers.

@@ -10,9 +10,11 @@ use xxhash_rust::xxh3::Xxh3;
 const PART_BYTES: u64 = 1 << 16;
 /// What may lie in a folder that a recipe names.
 const EXTENSIONS: &[&str] = &[
-    "tif", "tiff", "hgt", "nc", "cdf", "png", "jpg", "jpeg", "geojson", "json", "geojsonl", "ndjson", "fgb", "pbf",
-    "csv",
+    "tif", "tiff", "hgt", "nc", "cdf", "png", "jpg", "jpeg", "geojson", "json", "geojsonl", "geojsons", "ndjson",
+    "fgb", "shp", "gpkg", "pbf", "csv",
 ];
+/// What is read beside a shapefile, and beside a GeoPackage whose newest rows are not in it yet.
+const PARTS: &[&str] = &["dbf", "prj", "cpg", "gpkg-wal"];
 
 /// Counts up when stages of the same sources come out otherwise, so that a newer program does not take over old ones.
 const STAGES_VERSION: u32 = 1;
@@ -36,7 +38,16 @@ pub fn of(recipe: &Recipe, root: &Path) -> Result<Fingerprint, PrepareError> {
     let files = files.chain(recipe.buildings.iter().map(|section| &section.file));
     let files = files.chain(recipe.buildings.iter().filter_map(|section| section.copies.as_ref()));
     for file in files {
-        let mut paths: Vec<_> = source::resolve(root, file, EXTENSIONS)?.into_iter().map(|found| found.path).collect();
+        let mut paths = Vec::new();
+        for found in source::resolve(root, file, EXTENSIONS)? {
+            // What lies in a .zip counts with it.
+            if found.inside.is_none() && found.has_extension(&["shp", "gpkg"]) {
+                for part in PARTS {
+                    paths.extend(found.sibling(part)?.map(|part| part.path));
+                }
+            }
+            paths.push(found.path);
+        }
         paths.dedup();
         for path in paths {
             world.update(path.file_name().unwrap_or_default().as_encoded_bytes());
