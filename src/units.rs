@@ -1,4 +1,4 @@
-//! Byte sizes as people write them: `256MiB`, `1.5 GiB`, `4096`.
+//! Byte sizes and numbers as people write them: `256MiB`, `1.5 GiB`, `4096`.
 
 use std::fmt;
 use std::str::FromStr;
@@ -47,6 +47,19 @@ impl fmt::Display for ByteSize {
             }
         }
         write!(f, "{} B", self.0)
+    }
+}
+
+/// A finite number above 0; of arguments.
+pub fn positive(text: &str) -> Result<f64, String> {
+    number(text).and_then(|value| if value > 0.0 { Ok(value) } else { Err("must be above 0".into()) })
+}
+
+/// A finite number; of arguments.
+pub fn number(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(value) if value.is_finite() => Ok(value),
+        _ => Err("must be a number".into()),
     }
 }
 

@@ -6,7 +6,7 @@
 mod earth;
 mod made_up;
 
-use made_up::{object_page, page, view, with_roots};
+use made_up::{object_page, page, tops, view, with_roots};
 use std::collections::BTreeSet;
 use stoop::camera::View;
 use stoop::cells::LiveTree;
@@ -33,16 +33,6 @@ fn made_up_world(nodes: u64) -> SyntheticForest {
 
 fn is_segment(page: PageId) -> bool {
     page.kind == PageKind::Segment
-}
-
-/// The index without its lower segments.
-fn tops(whole: &IndexForest) -> IndexForest {
-    let mut index = IndexForest::default();
-    for tree in whole.trees() {
-        let top = tree.segments().next().unwrap().clone();
-        index.insert(IndexTree::paged(tree.directory().clone(), top).unwrap());
-    }
-    index
 }
 
 /// What a view settles to where all that it asks for comes: the selection, and rounds with something missing.

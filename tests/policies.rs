@@ -4,13 +4,13 @@
 
 mod made_up;
 
-use made_up::{Plan, build, page, view, with_roots};
+use made_up::{Plan, build, page, tops, view, with_roots};
 use std::collections::BTreeSet;
 use stoop::camera::View;
 use stoop::cells::LiveTree;
 use stoop::content::{PageId, PageKind};
 use stoop::forest::CellId;
-use stoop::forest::index::{IndexForest, IndexTree};
+use stoop::forest::index::IndexForest;
 use stoop::geodesy::{Geodetic, OrientedBox, SEMI_MAJOR_M};
 use stoop::paging::{
     Command, Completion, Event, ForesightParams, Frame, Limits, Planner, PlannerParams, PolicyName, PolicyParams,
@@ -48,16 +48,6 @@ fn world() -> IndexForest {
     build(&Plan { terrain_refines: refines, imagery_refines: refines, object_roots: roots })
 }
 
-/// The same index with the segments below its top out of memory.
-fn top_of(index: &IndexForest) -> IndexForest {
-    let mut paged = IndexForest::default();
-    for tree in index.trees() {
-        let top = tree.segments().next().unwrap().clone();
-        paged.insert(IndexTree::paged(tree.directory().clone(), top).unwrap());
-    }
-    paged
-}
-
 /// A run without engine: storage answers at once.
 struct Run {
     /// All of the index, and what is resident of it.
@@ -79,7 +69,7 @@ impl Run {
 
     fn paged(policy: PolicyName) -> Self {
         let run = Self::new(policy, PolicyParams::default());
-        Self { index: top_of(&run.whole), ..run }
+        Self { index: tops(&run.whole), ..run }
     }
 
     /// Demands of the present front and of the policy.

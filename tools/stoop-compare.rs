@@ -12,7 +12,7 @@ use stoop::paging::{PlannerParams, PolicyName, PolicyParams};
 use stoop::simulate::{Library, Setup};
 use stoop::storage::{Faults, StorageModel};
 use stoop::store::World;
-use stoop::units::ByteSize;
+use stoop::units::{ByteSize, positive};
 
 const DETAILS: &str = "\
 Writes runs.csv, a line for each run, and table.md, the best variant of each policy side by side, into DIR.
@@ -68,11 +68,6 @@ struct Arguments {
     /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    let value: f64 = text.trim().parse().map_err(|_| "must be a number".to_owned())?;
-    if value.is_finite() && value > 0.0 { Ok(value) } else { Err("must be above 0".into()) }
 }
 
 fn main() -> anyhow::Result<()> {

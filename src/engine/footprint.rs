@@ -1,7 +1,7 @@
 //! How the footprint is divided, so that its sum is a hard limit.
 //!
-//! index + world image + scratch + meshes + slack are set aside; the rest is the pool of the request manager, which accounts decoded
-//! pages in memory, their GPU parts and reads under way, in one sum over all layers. GPU arenas grow in chunks: what
+//! index + world image + scratch + meshes + slack are set aside; the rest is the pool of the request manager, which
+//! accounts decoded pages in memory, their GPU parts and reads under way, in one sum over all layers. GPU arenas grow in chunks: what
 //! they have allocated beyond the pages in them is fragmentation, which is taken out of the pool as it comes
 //! ([`Partition::pool_bytes`]).
 

@@ -1,8 +1,8 @@
 //! How many bytes a page will hold before it has been read.
 //!
 //! Terrain and imagery pages have a largest size that follows from their format. Objects grow with what is stored, by
-//! a factor that is learned from the pages that have come in: the largest factor seen so far, and at
-//! first [`OBJECTS_GROWTH`]. Estimates are meant to be too large rather than too small; what they miss is caught by the
+//! a factor that is learned from the pages that have come in: the largest seen so far, and at first
+//! [`OBJECTS_GROWTH`]. Estimates are meant to be too large rather than too small; what they miss is caught by the
 //! manager's [`reserve`](super::manager).
 
 use crate::content::{IMAGERY_STORED_PX, POSTS, Page, PageKind, TerrainPage, TerrainPost};
@@ -14,7 +14,7 @@ use crate::forest::index::Place;
 pub const OBJECTS_GROWTH: f64 = 25.0;
 /// What a page takes while it is decoded and uploaded, per byte that it holds afterwards: 34 bytes of those 20 in real
 /// cities; a picture is in memory and on the GPU.
-const ARRIVING: f64 = 2.0;
+const ARRIVING: u64 = 2;
 /// What a page takes beside its arrays, bytes.
 const PAGE_OVERHEAD_BYTES: u64 = 1024;
 /// All posts active.
@@ -88,7 +88,7 @@ impl Estimator {
             // As long in memory as it is stored, and read into the memory that it stays in.
             PageKind::Segment => held,
             PageKind::Terrain => held + u64::from(place.len),
-            PageKind::Imagery | PageKind::Objects { .. } => (ARRIVING * held as f64) as u64 + u64::from(place.len),
+            PageKind::Imagery | PageKind::Objects { .. } => ARRIVING * held + u64::from(place.len),
         }
     }
 
@@ -103,6 +103,6 @@ impl Estimator {
 
 /// The largest page of a kind that can be told beforehand, bytes.
 pub const fn largest_bytes() -> u64 {
-    let imagery = 2 * (PICTURE_GPU_BYTES + PAGE_OVERHEAD_BYTES);
+    let imagery = ARRIVING * (PICTURE_GPU_BYTES + PAGE_OVERHEAD_BYTES);
     if imagery > TERRAIN_BYTES { imagery } else { TERRAIN_BYTES }
 }

@@ -42,9 +42,8 @@ pub fn of(recipe: &Recipe, root: &Path) -> Result<Fingerprint, PrepareError> {
         for found in source::resolve(root, file, EXTENSIONS)? {
             // What lies in a .zip counts with it.
             if found.inside.is_none() && found.has_extension(&["shp", "gpkg"]) {
-                for part in PARTS {
-                    paths.extend(found.sibling(part)?.map(|part| part.path));
-                }
+                let parts = found.siblings()?.into_iter().filter(|part| part.has_extension(PARTS));
+                paths.extend(parts.map(|part| part.path));
             }
             paths.push(found.path);
         }

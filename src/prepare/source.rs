@@ -41,26 +41,16 @@ impl SourceFile {
         has_extension(&self.name(), extensions)
     }
 
-    /// The file beside it of the same name with another extension (lower case), whatever its cases.
-    pub fn sibling(&self, extension: &str) -> Result<Option<Self>, PrepareError> {
-        let wanted = |path: &Path| Path::new(path).with_extension(extension).to_string_lossy().to_ascii_lowercase();
-        let is_it = |path: &Path, own: &Path| path.to_string_lossy().to_ascii_lowercase() == wanted(own);
+    /// The files beside it that differ from it in their extension alone; cases do not count.
+    pub fn siblings(&self) -> Result<Vec<Self>, PrepareError> {
         let Some(inside) = &self.inside else {
             let folder = self.path.parent().filter(|folder| !folder.as_os_str().is_empty()).unwrap_or(Path::new("."));
-            let name = self.path.file_name().map(Path::new).unwrap_or(&self.path);
-            let found = list_folder(folder)?
-                .into_iter()
-                .find(|path| path.file_name().is_some_and(|n| is_it(Path::new(n), name)));
-            return Ok(found.map(|path| Self { path, inside: None }));
+            let paths = list_folder(folder)?.into_iter().filter(|path| has_same_stem(path, &self.path));
+            return Ok(paths.map(|path| Self { path, inside: None }).collect());
         };
-        let zip = open_zip(&self.path)?;
-        for name in zip.file_names() {
-            let name = name.map_err(|e| PrepareError::damaged(self.path.display(), "zip directory", e))?;
-            if is_it(Path::new(&*name), Path::new(inside)) {
-                return Ok(Some(Self { path: self.path.clone(), inside: Some(name.into_owned()) }));
-            }
-        }
-        Ok(None)
+        let names = names_in_zip(&self.path)?.into_iter();
+        let alike = names.filter(|name| has_same_stem(Path::new(name), Path::new(inside)));
+        Ok(alike.map(|name| Self { path: self.path.clone(), inside: Some(name) }).collect())
     }
 
     /// The whole file; those in a .zip are unpacked into memory.
@@ -102,6 +92,12 @@ impl SourceFile {
 pub fn has_extension(name: &str, extensions: &[&str]) -> bool {
     let name = name.to_ascii_lowercase();
     extensions.iter().any(|ext| name.strip_suffix(ext).is_some_and(|stem| stem.ends_with('.')))
+}
+
+/// Whether two files lie in the same folder under names that differ in their extension alone; cases do not count.
+fn has_same_stem(one: &Path, other: &Path) -> bool {
+    let stem = |path: &Path| path.with_extension("").to_string_lossy().to_lowercase();
+    stem(one) == stem(other)
 }
 
 /// All files that `file` means, in name order. In folders and .zip files only those with one of the `extensions`
@@ -153,16 +149,16 @@ fn expand(path: &Path, extensions: &[&str]) -> Result<Vec<SourceFile>, PrepareEr
     if !has_extension(&path.to_string_lossy(), &["zip"]) {
         return Ok(vec![SourceFile { path: path.to_owned(), inside: None }]);
     }
-    let zip = open_zip(path)?;
-    let mut names = Vec::new();
-    for name in zip.file_names() {
-        let name = name.map_err(|e| PrepareError::damaged(path.display(), "zip directory", e))?;
-        if has_extension(&name, extensions) {
-            names.push(name.into_owned());
-        }
-    }
+    let mut names = names_in_zip(path)?;
+    names.retain(|name| has_extension(name, extensions));
     names.sort();
     Ok(names.into_iter().map(|name| SourceFile { path: path.to_owned(), inside: Some(name) }).collect())
+}
+
+fn names_in_zip(path: &Path) -> Result<Vec<String>, PrepareError> {
+    let zip = open_zip(path)?;
+    let damaged = |error| PrepareError::damaged(path.display(), "zip directory", error);
+    zip.file_names().map(|name| name.map(|name| name.into_owned()).map_err(damaged)).collect()
 }
 
 fn open_zip(path: &Path) -> Result<zip::ZipArchive<BufReader<File>>, PrepareError> {

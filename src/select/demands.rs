@@ -21,7 +21,7 @@ const KEEP_SHARE: f64 = 1e-6;
 /// Errors beyond this count as this, so that gains stay finite.
 const ERROR_MAX_PX: f64 = 1e6;
 /// What a piece counts that is in view by its box and yet has no share of the screen.
-const SHARE_MIN: f64 = 1e-9;
+pub const SHARE_MIN: f64 = 1e-9;
 
 #[derive(Clone, Copy)]
 struct Wish {

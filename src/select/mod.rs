@@ -23,7 +23,7 @@ use sight::{Sight, Tolerance};
 use std::ops::Range;
 use std::sync::Arc;
 
-pub use demands::service_order;
+pub use demands::{SHARE_MIN, service_order};
 pub use front::STAND_IN_LEVELS;
 pub use layer::{Rep, ground_page};
 pub use region::{FrontRegion, VisitRegion};
@@ -154,7 +154,8 @@ pub fn select(index: &IndexForest, cells: &LiveTree, view: &View, params: &Selec
 }
 
 /// The same where memory or time lack: the front is that of `drawn_tolerance_px`, which is at least
-/// `params.tolerance_px`, and objects below a threshold raised by the same factor are left out. Debt and excess stay those of the tolerance asked for.
+/// `params.tolerance_px`, and objects below a threshold raised by the same factor are left out. Debt and excess stay
+/// those of the tolerance asked for.
 pub fn select_raised(
     index: &IndexForest,
     cells: &LiveTree,

@@ -176,7 +176,17 @@ pub fn page(id: PageId) -> Page {
     }
 }
 
-/// Makes the zones' roots resident.
+/// The index without its lower segments.
+pub fn tops(whole: &IndexForest) -> IndexForest {
+    let mut index = IndexForest::default();
+    for tree in whole.trees() {
+        let top = tree.segments().next().unwrap().clone();
+        index.insert(IndexTree::paged(tree.directory().clone(), top).unwrap());
+    }
+    index
+}
+
+/// The zones' coarsest terrain is resident.
 pub fn with_roots(index: &IndexForest) -> LiveTree {
     let mut cells = LiveTree::default();
     for tree in index.trees() {

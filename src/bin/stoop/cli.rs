@@ -4,6 +4,8 @@ use std::fmt;
 use std::process::ExitCode;
 use stoop::units::ByteSize;
 
+pub use stoop::units::{number, positive};
+
 /// Exit status for wrong usage; 1 stands for work that failed.
 pub const USAGE: u8 = 2;
 
@@ -88,19 +90,6 @@ impl std::str::FromStr for SizePx {
         text.split_once('x').and_then(|(width, height)| Some(Self([side(width)?, side(height)?]))).ok_or_else(|| {
             format!("{text:?} is no size in pixels: write WIDTHxHEIGHT, each 1 to 8192, such as 640x360")
         })
-    }
-}
-
-/// A finite number above 0.
-pub fn positive(text: &str) -> Result<f64, String> {
-    number(text).and_then(|value| if value > 0.0 { Ok(value) } else { Err("must be above 0".into()) })
-}
-
-/// A finite number.
-pub fn number(text: &str) -> Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(value) if value.is_finite() => Ok(value),
-        _ => Err("must be a number".into()),
     }
 }
 

@@ -19,7 +19,7 @@ use super::{Policy, Situation, is_due};
 use crate::camera::View;
 use crate::content::PageId;
 use crate::forest::index::Place;
-use crate::select::{Demand, FrontRegion, LAYERS, Urgency, layer_of, survey};
+use crate::select::{Demand, FrontRegion, LAYERS, SHARE_MIN, Urgency, layer_of, survey};
 use serde::{Deserialize, Serialize};
 use std::collections::HashMap;
 use std::ops::Range;
@@ -77,8 +77,6 @@ impl ForesightParams {
 
 /// What a segment of the index counts for each view that needs it, px·s: above all pages.
 const SEGMENT_GAIN: f64 = 1e12;
-/// What a region of the next view counts that has no share of the screen.
-const SHARE_MIN: f64 = 1e-9;
 /// Times of parameters are at least this, and views are foretold no further than that, seconds.
 const TIME_MIN_S: f64 = 1e-3;
 const REACH_MAX_S: f64 = 60.0;

@@ -19,11 +19,11 @@ pub fn read(file: &SourceFile, crs: Option<&str>, visit: &mut Visit) -> Result<R
     let malformed = |what: String, count: u64| {
         PrepareError::damaged(&name, format!("after {count} records"), format!("{what}; it must be a shapefile"))
     };
-    let own_crs = file.sibling("prj")?.map(|prj| prj.read()).transpose()?;
-    let own_crs = own_crs.map(|text| String::from_utf8_lossy(&text).trim().to_owned());
+    let parts = file.siblings()?;
+    let own_crs = text_of(&parts, "prj")?;
     let to_lon_lat = ToLonLat::new(&name, crs.or(own_crs.as_deref()))?;
     let shapes = ShapeReader::new(file.open()?).map_err(|error| malformed(error.to_string(), 0))?;
-    let mut reader = shapefile::Reader::new(shapes, open_table(file)?);
+    let mut reader = shapefile::Reader::new(shapes, open_table(file, &parts)?);
     let mut summary = ReadSummary::default();
     for (before, record) in (0..).zip(reader.iter_shapes_and_records()) {
         let (shape, record) = record.map_err(|error| malformed(error.to_string(), before))?;
@@ -47,9 +47,16 @@ pub fn read(file: &SourceFile, crs: Option<&str>, visit: &mut Visit) -> Result<R
     Ok(summary)
 }
 
+/// What the part with an extension says, where it is there.
+fn text_of(parts: &[SourceFile], extension: &str) -> Result<Option<String>, PrepareError> {
+    let part = parts.iter().find(|part| part.has_extension(&[extension]));
+    let text = part.map(SourceFile::read).transpose()?;
+    Ok(text.map(|text| String::from_utf8_lossy(&text).trim().to_owned()))
+}
+
 /// The attributes, in the encoding of the `.cpg` beside them, or as they say themselves.
-fn open_table(file: &SourceFile) -> Result<dbase::Reader<Box<dyn ReadSeek>>, PrepareError> {
-    let Some(table) = file.sibling("dbf")? else {
+fn open_table(file: &SourceFile, parts: &[SourceFile]) -> Result<dbase::Reader<Box<dyn ReadSeek>>, PrepareError> {
+    let Some(table) = parts.iter().find(|part| part.has_extension(&["dbf"])) else {
         return Err(PrepareError::value(
             file,
             "its .dbf",
@@ -57,8 +64,7 @@ fn open_table(file: &SourceFile) -> Result<dbase::Reader<Box<dyn ReadSeek>>, Pre
             "put it beside the .shp, with the same name",
         ));
     };
-    let label = file.sibling("cpg")?.map(|cpg| cpg.read()).transpose()?;
-    let label = label.map(|text| String::from_utf8_lossy(&text).trim().to_owned());
+    let label = text_of(parts, "cpg")?;
     let builder = dbase::ReaderBuilder::new();
     let builder = match label.as_deref().and_then(encoding) {
         Some(encoding) => builder.with_encoding(EncodingRs::from(encoding)),
@@ -66,7 +72,7 @@ fn open_table(file: &SourceFile) -> Result<dbase::Reader<Box<dyn ReadSeek>>, Pre
     };
     builder
         .build(table.open()?)
-        .map_err(|error| PrepareError::damaged(&table, "its head", format!("{error}; it must be a dBase table")))
+        .map_err(|error| PrepareError::damaged(table, "its head", format!("{error}; it must be a dBase table")))
 }
 
 /// `UTF-8`, `ISO-8859-1`, or a bare code page such as `1252`.
