@@ -99,7 +99,7 @@ fn best_bargain(index: &IndexForest, held: &Held, view: &View, params: &SelectPa
         let excess_px = |error_px: f64| region.excess_px(error_px, params.tolerance_px);
         for (at, rep) in region.chain.iter().enumerate() {
             let fall_px = excess_px(region.drawn_px) - excess_px(region.error_px(Some(at)));
-            let page = PageId { cell: rep.cell, kind: region.kind };
+            let page = rep.page();
             if fall_px > 0.0 && !held.pages.contains(&page) {
                 falls.entry(page).or_insert((rep.place, 0.0)).1 += region.share * fall_px;
             }

@@ -5,8 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
 use stoop::forest::index::synthetic::{NODES_MAX, Near, SyntheticForest};
 use stoop::forest::index::{
-    Directory, IndexError, IndexForest, IndexTree, NodeInfo, NodeRecord, ObjectsEntry, ObjectsRecord, Place,
-    SEGMENT_LEVELS, Segment, TerrainEntry,
+    Directory, IndexError, IndexForest, IndexTree, NodeInfo, NodeRecord, ObjectsBelow, ObjectsEntry, ObjectsRecord,
+    Place, SEGMENT_LEVELS, Segment, TerrainEntry,
 };
 use stoop::forest::{CellId, Quadrant, Zone};
 use stoop::geodesy::Geodetic;
@@ -37,22 +37,29 @@ fn any_cells() -> impl Strategy<Value = (Zone, Cells)> {
 
 fn any_info() -> impl Strategy<Value = NodeInfo> {
     let object = (any::<u8>(), 0..4u8, 0..1u64 << 40, 1..1u32 << 24, 0..8000u16).prop_map(
-        |(collection, rep, offset, len, eighths)| ObjectsEntry {
-            collection,
-            rep,
-            place: Place { offset, len },
-            dimension_m: f64::from(eighths) / 8.0,
+        |(collection, rep, offset, len, eighths)| {
+            let size_m = f64::from(eighths) / 8.0;
+            // What a page is by its rep: its largest object, or its error.
+            let (dimension_m, error_m) = if rep == 0 { (size_m, 0.0) } else { (0.0, size_m) };
+            ObjectsEntry { collection, rep, place: Place { offset, len }, dimension_m, error_m }
         },
     );
     let objects = prop::collection::vec(object, 0..4);
-    (0..1u64 << 39, 0..1u32 << 20, 0..1u32 << 20, 0f32..1e4, -500i16..9000, objects).prop_map(
-        |(offset, terrain, imagery, error_m, low, objects)| NodeInfo {
+    let below = (any::<u8>(), 0..8000u16, any::<bool>()).prop_map(|(collection, eighths, alone)| ObjectsBelow {
+        collection,
+        dimension_m: f64::from(eighths) / 8.0,
+        alone,
+    });
+    let below = prop::collection::vec(below, 0..3);
+    (0..1u64 << 39, 0..1u32 << 20, 0..1u32 << 20, 0f32..1e4, -500i16..9000, objects, below).prop_map(
+        |(offset, terrain, imagery, error_m, low, objects, below)| NodeInfo {
             terrain: (terrain > 0).then_some(TerrainEntry { place: Place { offset, len: terrain }, error_m }),
             imagery: (imagery > 0).then_some(Place { offset: offset + u64::from(terrain), len: imagery }),
             height_range_m: (f64::from(low), f64::from(low) + 100.0),
             dimension_m: 12.5,
             reach_m: 7.125,
             objects,
+            below,
         },
     )
 }
@@ -109,6 +116,7 @@ proptest! {
             prop_assert_eq!(node.height_range_m(), info.height_range_m);
             prop_assert_eq!((node.dimension_m(), node.reach_m()), (info.dimension_m, info.reach_m));
             prop_assert_eq!(node.objects().collect::<Vec<_>>(), info.objects.clone());
+            prop_assert_eq!(node.objects_below().collect::<Vec<_>>(), info.below.clone());
             let children: Vec<_> = cell.children().filter(|child| cells.contains_key(child)).collect();
             prop_assert_eq!(node.children().map(|child| child.cell()).collect::<Vec<_>>(), children.clone());
             prop_assert_eq!(node.has_children(), !children.is_empty());

@@ -101,8 +101,13 @@ fn with_objects(levels: u8) -> IndexForest {
         let (place, error_m) = (Place { offset: u64::from(level) << 16, len: 900 }, 4000.0 / f32::from(1u16 << level));
         Some(TerrainEntry { place, error_m })
     };
-    let objects =
-        ObjectsEntry { collection: 0, rep: 0, place: Place { offset: 1 << 30, len: 5000 }, dimension_m: 60.0 };
+    let objects = ObjectsEntry {
+        collection: 0,
+        rep: 0,
+        place: Place { offset: 1 << 30, len: 5000 },
+        dimension_m: 60.0,
+        error_m: 0.0,
+    };
     let cells = (0..=levels).map(|level| {
         let info = NodeInfo {
             terrain: if level <= 8 { terrain(level) } else { None },

@@ -93,7 +93,7 @@ fn write_pages(append: &mut dyn FnMut(Zone, &[u8]) -> Place) -> BTreeMap<CellId,
     }
     let texts = [r#"{"name":"First"}"#, "{}", r#"{"name":"Third","levels":4}"#].map(String::from);
     let bytes = encode_objects(&houses(at(OBJECTS_LEVEL)), &texts).unwrap();
-    let entry = ObjectsEntry { collection: 0, rep: 0, place: append(zone, &bytes), dimension_m: 25.0 };
+    let entry = ObjectsEntry { collection: 0, rep: 0, place: append(zone, &bytes), dimension_m: 25.0, error_m: 0.0 };
     cells.get_mut(&at(OBJECTS_LEVEL)).unwrap().objects.push(entry);
     cells
 }
@@ -119,6 +119,7 @@ fn manifest() -> Manifest {
             repaired: BTreeMap::new(),
             bounds_deg: [-122.5, 37.7, -122.3, 37.9],
             attributes: vec!["name".into(), "levels".into()],
+            reps: Vec::new(),
         }],
         sources: vec![SourceInfo {
             kind: "elevation".into(),

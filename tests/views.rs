@@ -31,6 +31,7 @@ fn collection(name: &str, objects: u64, bounds_deg: [f64; 4]) -> CollectionInfo 
         repaired: BTreeMap::new(),
         bounds_deg,
         attributes: vec![],
+        reps: vec![],
     }
 }
 
@@ -60,7 +61,7 @@ fn index(cells: &[CellId]) -> IndexForest {
         let mut node = NodeInfo { terrain: Some(terrain), height_range_m: HEIGHT_RANGE_M, ..NodeInfo::default() };
         if cells.contains(&cell) {
             let place = Place::new(256, 100).unwrap();
-            node.objects.push(ObjectsEntry { collection: 0, rep: 0, place, dimension_m: 10.0 });
+            node.objects.push(ObjectsEntry { collection: 0, rep: 0, place, dimension_m: 10.0, error_m: 0.0 });
         }
         zones.entry(cell.zone()).or_default().insert(cell, node);
     }

@@ -222,6 +222,17 @@ fn print_collection(collection: &stoop::store::CollectionInfo) {
         collection.vgis_level,
         collection.large_objects
     );
+    for rep in &collection.reps {
+        println!(
+            "  rep {:>2}: {:>6} pages {:>12} {:>9} {}, error up to {:.2} m",
+            rep.rep,
+            rep.pages,
+            ByteSize(rep.bytes).to_string(),
+            rep.objects,
+            if rep.rep < stoop::content::FIRST_GROUPS { "objects" } else { "blocks and landmarks" },
+            rep.error_max_m
+        );
+    }
     for point in &collection.cost_curve {
         println!(
             "  level {:2}: cost {:10.2} = cells {:.2} + objects {:.2} + large {:.2} + pages {:.2}",

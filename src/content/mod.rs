@@ -25,6 +25,10 @@ use std::sync::Arc;
 /// Posts along a side of a terrain page.
 pub const POSTS: usize = rtin::SIDE + 1;
 
+/// Reps of objects from this on are groups: they stand for the objects of all pages in the subtree, not only for those
+/// of the page that is rooted at the same cell. Larger is coarser.
+pub const FIRST_GROUPS: u8 = 4;
+
 /// Which page of a cell.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PageKind {

@@ -73,6 +73,11 @@ impl Prism {
         self.reach_m().max(f64::from(self.top_m) - f64::from(self.base_m))
     }
 
+    /// How many triangles draw it.
+    pub fn triangles(&self) -> usize {
+        self.roof.len() + 2 * self.rings.iter().map(Vec::len).sum::<usize>()
+    }
+
     /// Appends the prism's triangles to a mesh, counter-clockwise from outside.
     pub(super) fn draw(&self, origin: Point<Ecef>, object: u16, mesh: &mut ObjectMesh) -> Object {
         let start = mesh.indices.len() as u32;

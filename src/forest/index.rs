@@ -12,7 +12,7 @@ mod segment;
 pub mod synthetic;
 mod tree;
 
-pub use super::record::{NodeInfo, NodeRecord, ObjectsEntry, ObjectsRecord, Place, TerrainEntry};
+pub use super::record::{NodeInfo, NodeRecord, ObjectsBelow, ObjectsEntry, ObjectsRecord, Place, TerrainEntry};
 pub use directory::{Directory, SegmentEntry, SegmentRef};
 pub use forest::IndexForest;
 pub use node::{Node, NodeRef};

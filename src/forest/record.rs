@@ -49,15 +49,21 @@ pub struct NodeRecord {
     objects: u32,
 }
 
-/// Objects of one collection and rep whose page is rooted at a node.
+/// Objects of one collection and rep whose page is rooted at a node, or what lies below the node of a collection.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub struct ObjectsRecord {
+    /// Of the page; in a record of what lies below, 1 where no other collection does, else 0.
     place: [u32; 2],
     collection: u8,
+    /// [`REP_BELOW`] in a record of what lies below.
     rep: u8,
-    dimension: u16,
+    /// Largest bounding dimension; of reps above 0 `error_m`. Units of 1/8 m rounded up, saturating.
+    size: u16,
 }
+
+/// Stands in the place of a rep where a record tells what lies below.
+const REP_BELOW: u8 = u8::MAX;
 
 const _: () = assert!(size_of::<NodeRecord>() == 32 && size_of::<ObjectsRecord>() == 12);
 
@@ -82,6 +88,7 @@ pub struct NodeInfo {
     /// Largest reach of the objects in the subtree, metres.
     pub reach_m: f64,
     pub objects: Vec<ObjectsEntry>,
+    pub below: Vec<ObjectsBelow>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -96,8 +103,20 @@ pub struct ObjectsEntry {
     /// 0 is the finest.
     pub rep: u8,
     pub place: Place,
-    /// Largest bounding dimension in the page, metres.
+    /// Rep 0: largest bounding dimension in the page, metres. Else 0.
     pub dimension_m: f64,
+    /// How far the rep may be off the finest one, metres; 0 for rep 0.
+    pub error_m: f64,
+}
+
+/// What lies in a node's subtree of a collection that has groups: the coarsest rep of all, which draws nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct ObjectsBelow {
+    pub collection: u8,
+    /// Largest bounding dimension, metres.
+    pub dimension_m: f64,
+    /// No other collection has pages here.
+    pub alone: bool,
 }
 
 impl NodeRecord {
@@ -121,7 +140,8 @@ impl NodeRecord {
         if pages.into_iter().any(|place| Place::new(place.offset, place.len).is_none()) {
             return Err(IndexError::TooLarge(cell));
         }
-        if info.objects.len() > 255 {
+        let records = info.objects.len() + info.below.len();
+        if records > 255 || info.objects.iter().any(|entry| entry.rep == REP_BELOW) {
             return Err(IndexError::TooManyObjects(cell));
         }
         let height = |m: f64| m.clamp(f64::from(i16::MIN), f64::from(i16::MAX)) as i16;
@@ -134,7 +154,7 @@ impl NodeRecord {
             height_max_m: height(info.height_range_m.1.ceil()),
             dimension: pack_size(info.dimension_m),
             reach: pack_size(info.reach_m),
-            objects: (first_object as u32) << 8 | info.objects.len() as u32,
+            objects: (first_object as u32) << 8 | records as u32,
         })
     }
 
@@ -182,22 +202,37 @@ impl NodeRecord {
 }
 
 impl ObjectsRecord {
-    pub(super) fn pack(entry: &ObjectsEntry) -> Self {
-        let place = entry.place.pack();
-        Self {
-            place: [place as u32, (place >> 32) as u32],
-            collection: entry.collection,
-            rep: entry.rep,
-            dimension: pack_size(entry.dimension_m),
-        }
+    /// The records of a node.
+    pub(super) fn pack(info: &NodeInfo) -> impl Iterator<Item = Self> + '_ {
+        info.objects.iter().map(Self::of_page).chain(info.below.iter().map(Self::of_below))
     }
 
-    pub(super) fn unpack(&self) -> ObjectsEntry {
-        ObjectsEntry {
-            collection: self.collection,
-            rep: self.rep,
-            place: Place::unpack(u64::from(self.place[0]) | u64::from(self.place[1]) << 32),
-            dimension_m: unpack_size(self.dimension),
-        }
+    fn of_page(entry: &ObjectsEntry) -> Self {
+        let size = pack_size(if entry.rep == 0 { entry.dimension_m } else { entry.error_m });
+        Self::with_bits(entry.place.pack(), entry.collection, entry.rep, size)
+    }
+
+    fn of_below(below: &ObjectsBelow) -> Self {
+        Self::with_bits(below.alone.into(), below.collection, REP_BELOW, pack_size(below.dimension_m))
+    }
+
+    fn with_bits(place: u64, collection: u8, rep: u8, size: u16) -> Self {
+        Self { place: [place as u32, (place >> 32) as u32], collection, rep, size }
+    }
+
+    fn place_bits(&self) -> u64 {
+        u64::from(self.place[0]) | u64::from(self.place[1]) << 32
+    }
+
+    pub(super) fn page(&self) -> Option<ObjectsEntry> {
+        let (place, size_m) = (Place::unpack(self.place_bits()), unpack_size(self.size));
+        let (dimension_m, error_m) = if self.rep == 0 { (size_m, 0.0) } else { (0.0, size_m) };
+        let entry = ObjectsEntry { collection: self.collection, rep: self.rep, place, dimension_m, error_m };
+        (self.rep != REP_BELOW).then_some(entry)
+    }
+
+    pub(super) fn below(&self) -> Option<ObjectsBelow> {
+        let (collection, dimension_m) = (self.collection, unpack_size(self.size));
+        (self.rep == REP_BELOW).then_some(ObjectsBelow { collection, dimension_m, alone: self.place_bits() & 1 == 1 })
     }
 }

@@ -6,10 +6,10 @@ use super::collections::Collection;
 use super::pipeline::{BuildError, BuildOptions, Control, for_each_cell};
 use super::stage::Stages;
 use super::task::Task;
-use crate::forest::index::{IndexTree, NodeInfo, ObjectsEntry, TerrainEntry};
+use crate::forest::index::{IndexTree, NodeInfo, ObjectsBelow, ObjectsEntry, Place, TerrainEntry};
 use crate::forest::{CellId, Zone};
 use crate::store::{Existing, Manifest, SourceInfo, StoreError, World, WorldWriter};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
 /// Refuses a place where no world can be written, before any work is done.
@@ -106,26 +106,46 @@ fn pages_of(
     for (number, collection) in collections.iter().enumerate() {
         for page in collection.pages.iter().filter(|page| page.root.zone() == zone) {
             let place = writer.append(zone, &page.bytes)?;
-            add_objects(
-                &mut nodes,
-                page,
-                ObjectsEntry { collection: number as u8, rep: 0, place, dimension_m: page.dimension_m },
-            );
+            add_objects(&mut nodes, page, number as u8, place);
             let range = objects.entry(page.root).or_insert(page.height_range_m);
             *range = union(*range, page.height_range_m);
         }
     }
+    mark_alone(&mut nodes);
     close(&mut nodes, &grounds, &objects);
     Ok(nodes)
 }
 
-fn add_objects(nodes: &mut BTreeMap<CellId, NodeInfo>, page: &ObjectsPage, entry: ObjectsEntry) {
-    for cell in page.root.ancestors() {
-        let node = nodes.entry(cell).or_default();
-        node.dimension_m = node.dimension_m.max(page.dimension_m);
-        node.reach_m = node.reach_m.max(page.reach_m);
+fn add_objects(nodes: &mut BTreeMap<CellId, NodeInfo>, page: &ObjectsPage, collection: u8, place: Place) {
+    let ObjectsPage { rep, error_m, dimension_m, .. } = *page;
+    if rep == 0 {
+        for cell in page.root.ancestors() {
+            let node = nodes.entry(cell).or_default();
+            node.dimension_m = node.dimension_m.max(dimension_m);
+            node.reach_m = node.reach_m.max(page.reach_m);
+        }
     }
-    nodes.entry(page.root).or_default().objects.push(entry);
+    let node = nodes.entry(page.root).or_default();
+    let dimension_m = if rep == 0 { dimension_m } else { 0.0 };
+    node.objects.push(ObjectsEntry { collection, rep, place, dimension_m, error_m });
+    if let Some(dimension_m) = page.below_dimension_m {
+        node.below.push(ObjectsBelow { collection, dimension_m, alone: false });
+    }
+}
+
+/// Tells of the roots of pages below which there is one collection alone.
+fn mark_alone(nodes: &mut BTreeMap<CellId, NodeInfo>) {
+    let mut below: BTreeMap<CellId, BTreeSet<u8>> = BTreeMap::new();
+    for (cell, info) in nodes.iter() {
+        let collections: BTreeSet<u8> = info.objects.iter().map(|entry| entry.collection).collect();
+        for above in cell.ancestors().filter(|_| !collections.is_empty()) {
+            below.entry(above).or_default().extend(&collections);
+        }
+    }
+    for (cell, info) in nodes.iter_mut() {
+        let alone = below.get(cell).is_some_and(|collections| collections.len() == 1);
+        info.below.iter_mut().for_each(|below| below.alone = alone);
+    }
 }
 
 /// Height ranges of subtrees: of what is drawn there, which is the nearest ancestor's ground where a cell has none.

@@ -102,11 +102,16 @@ pub fn kept(number: usize, stages: &Stages) -> Result<Option<Collection>, BuildE
     Ok(Some(Collection { info, source, pages }))
 }
 
-/// Root, objects, dimension, reach, lowest and highest point (8 bytes each, little-endian), then the page.
+/// Root, objects, dimension, reach, lowest and highest point, rep, error, largest dimension below or NaN (8 bytes each,
+/// little-endian), then the page.
 fn page_record(page: &ObjectsPage) -> Vec<u8> {
     let mut record = page.root.to_u64().to_le_bytes().to_vec();
     record.extend(page.objects.to_le_bytes());
     for value in [page.dimension_m, page.reach_m, page.height_range_m.0, page.height_range_m.1] {
+        record.extend(value.to_le_bytes());
+    }
+    record.extend(u64::from(page.rep).to_le_bytes());
+    for value in [page.error_m, page.below_dimension_m.unwrap_or(f64::NAN)] {
         record.extend(value.to_le_bytes());
     }
     record.extend(&page.bytes);
@@ -114,7 +119,7 @@ fn page_record(page: &ObjectsPage) -> Vec<u8> {
 }
 
 fn read_page_record(record: &[u8]) -> Option<ObjectsPage> {
-    let (head, bytes) = record.split_at_checked(6 * 8)?;
+    let (head, bytes) = record.split_at_checked(9 * 8)?;
     let word = |at: usize| head[8 * at..8 * at + 8].try_into().map(u64::from_le_bytes).ok();
     let float = |at: usize| word(at).map(f64::from_bits);
     Some(ObjectsPage {
@@ -124,6 +129,9 @@ fn read_page_record(record: &[u8]) -> Option<ObjectsPage> {
         dimension_m: float(2)?,
         reach_m: float(3)?,
         height_range_m: (float(4)?, float(5)?),
+        rep: word(6)?.try_into().ok()?,
+        error_m: float(7)?,
+        below_dimension_m: float(8).filter(|dimension_m| !dimension_m.is_nan()),
     })
 }
 
@@ -140,6 +148,9 @@ mod tests {
             dimension_m: 80.5,
             reach_m: 40.25,
             height_range_m: (-3.0, 99.0),
+            rep: 5,
+            error_m: 12.5,
+            below_dimension_m: Some(90.0),
         };
         let back = read_page_record(&page_record(&page)).unwrap();
         assert_eq!((back.root, &back.bytes, back.objects), (page.root, &page.bytes, page.objects));
@@ -147,6 +158,9 @@ mod tests {
             (back.dimension_m, back.reach_m, back.height_range_m),
             (page.dimension_m, page.reach_m, page.height_range_m)
         );
+        assert_eq!((back.rep, back.error_m, back.below_dimension_m), (5, 12.5, Some(90.0)));
+        let none = ObjectsPage { below_dimension_m: None, ..page.clone() };
+        assert_eq!(read_page_record(&page_record(&none)).unwrap().below_dimension_m, None);
         assert!(read_page_record(&page_record(&page)[..40]).is_none());
     }
 }

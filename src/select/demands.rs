@@ -84,7 +84,7 @@ impl DemandList {
         let worth_px = fall_px + KEEP_SHARE * error_px.min(ERROR_MAX_PX);
         let first = if region.kind == PageKind::Segment { SEGMENT_GAIN } else { 0.0 };
         let gain = first + (region.share + SHARE_MIN) * worth_px / f64::from(front.place.len.max(1));
-        let page = PageId { cell: front.cell, kind: region.kind };
+        let page = front.page();
         let (place, urgency) = (front.place, Urgency::Visible);
         let wish = self.wishes.entry(page).or_insert(Wish { place, urgency, gain: 0.0, missing: false });
         wish.missing |= missing;

@@ -1,7 +1,7 @@
 //! One layer on the way down the tree: what the front wants, what is there to be drawn, what the world has.
 
 use super::sight::Tolerance;
-use crate::content::PageKind;
+use crate::content::{PageId, PageKind};
 use crate::forest::CellId;
 use crate::forest::index::{Node, Place};
 
@@ -9,14 +9,19 @@ use crate::forest::index::{Node, Place};
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Rep {
     pub cell: CellId,
+    pub kind: PageKind,
     pub place: Place,
-    /// `error_m` of terrain; ground size of a texel of imagery.
+    /// `error_m` of terrain and of objects; ground size of a texel of imagery.
     pub error_m: f64,
     /// Of the parent's page; its own where there is no parent.
     pub parent_error_m: f64,
 }
 
 impl Rep {
+    pub fn page(&self) -> PageId {
+        PageId { cell: self.cell, kind: self.kind }
+    }
+
     /// Morph weight: at the distance where the parent's error is the tolerance 0, which draws the parent's surface;
     /// at that where the own error is, 1. So a page comes out of its parent without a pop.
     pub fn own_weight(&self, px_per_m: f64, tolerance_px: f64) -> f64 {
@@ -145,16 +150,18 @@ impl Layer {
     }
 
     /// The rep of a node's page, whose parent is the page met before.
-    fn rep_below(&self, cell: CellId, place: Place, error_m: f64) -> Rep {
-        Rep { cell, place, error_m, parent_error_m: self.above.map_or(error_m, |above| above.error_m) }
+    fn rep_below(&self, node: &Node<'_>, kind: PageKind) -> Option<Rep> {
+        let (place, error_m) = ground_page(node, kind)?;
+        let parent_error_m = self.above.map_or(error_m, |above| above.error_m);
+        Some(Rep { cell: node.cell(), kind, place, error_m, parent_error_m })
     }
 
     pub fn terrain_rep(&self, node: &Node<'_>) -> Option<Rep> {
-        ground_page(node, PageKind::Terrain).map(|(place, error_m)| self.rep_below(node.cell(), place, error_m))
+        self.rep_below(node, PageKind::Terrain)
     }
 
     pub fn imagery_rep(&self, node: &Node<'_>) -> Option<Rep> {
-        ground_page(node, PageKind::Imagery).map(|(place, error_m)| self.rep_below(node.cell(), place, error_m))
+        self.rep_below(node, PageKind::Imagery)
     }
 }
 

@@ -6,7 +6,8 @@ use crate::content::PageKind;
 use crate::forest::CellId;
 use crate::forest::index::SegmentRef;
 
-/// One layer of a region of the front: a cell at the finer of what its layers want, or the cell of a page of objects;
+/// One layer of a region of the front: a cell at the finer of what its layers want, or the subtree that a page of
+/// objects or of groups stands for;
 /// or a segment of the index that the view needs, as if it were a page whose arrival cures all.
 #[derive(Clone, Copy, Debug)]
 pub struct FrontRegion<'a> {
@@ -14,7 +15,8 @@ pub struct FrontRegion<'a> {
     pub cell: CellId,
     /// Share of the screen, 0 to 1: of the bounding quad clipped to the viewport, horizon applied.
     pub share: f64,
-    /// The pages that exist here, from the zone's root down to the region itself; of objects the one page.
+    /// The pages that exist here, the coarsest first: of terrain and imagery from the zone's root down to the region
+    /// itself, of objects from the whole collection's groups down to the region's own page.
     pub chain: &'a [Rep],
     /// Pixels that an error of one metre takes at the region's distance.
     pub px_per_m: f64,
@@ -83,7 +85,7 @@ impl SeenSegment {
             kind: PageKind::Segment,
             cell,
             share: self.share,
-            chain: &[Rep { cell, place, error_m: 0.0, parent_error_m: 0.0 }],
+            chain: &[Rep { cell, kind: PageKind::Segment, place, error_m: 0.0, parent_error_m: 0.0 }],
             px_per_m: 0.0,
             absent_px: self.absent_px,
             drawn_px: if self.resident { 0.0 } else { self.absent_px },

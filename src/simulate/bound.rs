@@ -202,9 +202,9 @@ fn choices(
         .map(|at| {
             let rep = &region.chain[at];
             Choice {
-                page: Some(PageId { cell: rep.cell, kind: region.kind }),
+                page: Some(rep.page()),
                 stored_bytes: f64::from(rep.place.len),
-                held_bytes: least_held_bytes(region.kind, rep.place) as f64,
+                held_bytes: least_held_bytes(rep.kind, rep.place) as f64,
                 left_px: excess_px(Some(at)),
             }
         })

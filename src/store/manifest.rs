@@ -120,6 +120,21 @@ pub struct CollectionInfo {
     pub repaired: std::collections::BTreeMap<String, u64>,
     pub bounds_deg: [f64; 4],
     pub attributes: Vec<String>,
+    /// What there is of each rep, the finest first; empty in worlds made before there were several.
+    #[serde(default)]
+    pub reps: Vec<RepInfo>,
+}
+
+/// The pages of one rep of a collection.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct RepInfo {
+    pub rep: u8,
+    pub pages: u64,
+    pub bytes: u64,
+    /// Objects, or blocks and landmarks that stand for them.
+    pub objects: u64,
+    /// Largest error against the finest rep, metres.
+    pub error_max_m: f64,
 }
 
 /// Expected work of one query at a candidate changeover level.

@@ -25,10 +25,10 @@ mod writer;
 
 pub use error::{EncodeError, PageFault, StoreError};
 pub use imagery::{JPEG_QUALITY, decode_imagery, encode_imagery};
-pub use manifest::{CollectionInfo, CostPoint, LayerInfo, Manifest, SourceInfo};
+pub use manifest::{CollectionInfo, CostPoint, LayerInfo, Manifest, RepInfo, SourceInfo};
 pub use objects::{
-    FOOTPRINT_UNIT_MAX_M, OBJECT_HEIGHT_UNIT_M, PrismPage, decode_attributes, decode_objects, decode_prisms,
-    encode_objects,
+    FOOTPRINT_UNIT_MAX_M, FOOTPRINT_UNIT_PER_ERROR, OBJECT_HEIGHT_UNIT_M, PrismPage, decode_attributes, decode_objects,
+    decode_prisms, encode_objects,
 };
 pub use pack::PageSource;
 pub use terrain::{HEIGHT_STEP_MIN_M, decode_terrain, encode_terrain, height_step_m};

@@ -12,7 +12,9 @@ use super::frame::{self, Framed};
 use crate::content::{ObjectMesh, ObjectPage, PageId, PageKind, Prism};
 use crate::forest::CellId;
 
-/// Footprints are stored in units no larger than this, metres.
+/// Units of footprints may be this part of the page's error, where that is more than [`FOOTPRINT_UNIT_MAX_M`].
+pub const FOOTPRINT_UNIT_PER_ERROR: f64 = 1.0 / 64.0;
+/// Footprints of the finest rep are stored in units no larger than this, metres.
 pub const FOOTPRINT_UNIT_MAX_M: f64 = 0.01;
 /// Heights are stored in units of this, metres.
 pub const OBJECT_HEIGHT_UNIT_M: f64 = 0.01;
@@ -46,10 +48,11 @@ struct Units {
 const BITS_MAX: u8 = 40;
 
 impl Units {
-    fn of(root: CellId) -> Self {
+    fn of(root: CellId, error_m: f32) -> Self {
         let sides = root.sides_m();
+        let unit_m = FOOTPRINT_UNIT_MAX_M.max(f64::from(error_m) * FOOTPRINT_UNIT_PER_ERROR);
         let bits = [sides.south_m.max(sides.north_m), sides.height_m]
-            .map(|side_m| (side_m / FOOTPRINT_UNIT_MAX_M).log2().ceil().clamp(0.0, f64::from(BITS_MAX)) as u8);
+            .map(|side_m| (side_m / unit_m).log2().ceil().clamp(0.0, f64::from(BITS_MAX)) as u8);
         Self::with_bits(root, bits)
     }
 
@@ -105,7 +108,7 @@ pub fn encode_objects(page: &PrismPage, attributes: &[String]) -> Result<Vec<u8>
 
 fn shapes(page: &PrismPage, order: &[usize]) -> Vec<u8> {
     let prisms = || order.iter().map(|&at| &page.prisms[at]);
-    let units = Units::of(page.root);
+    let units = Units::of(page.root, page.error_m);
     let mut out = Writer::default();
     out.f32(page.error_m);
     out.varint(order.len() as u64);

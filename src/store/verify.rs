@@ -204,14 +204,19 @@ fn check_terrain(node: &Node<'_>, page: &TerrainPage, result: &mut Verified) {
 }
 
 fn check_objects(node: &Node<'_>, page: &ObjectPage, result: &mut Verified) {
-    let told_m = node
-        .objects()
-        .find(|entry| entry.collection == page.collection && entry.rep == page.rep)
-        .map_or(0.0, |entry| entry.dimension_m);
+    let entry = node.objects().find(|entry| entry.collection == page.collection && entry.rep == page.rep);
+    let Some(entry) = entry else { return };
+    if f64::from(page.error_m) > entry.error_m + SLACK_M && page.rep > 0 {
+        result.add(node.cell(), format!("rep {} has an error above what the index tells", page.rep));
+    }
+    // Groups may be larger than any object of theirs.
+    let (told_m, reach_m) = match page.rep {
+        0 => (entry.dimension_m.min(node.dimension_m()), node.reach_m()),
+        _ => (f64::INFINITY, f64::INFINITY),
+    };
     let (_, high_m) = node.height_range_m();
     for object in &page.objects {
-        let (dimension_m, reach_m) = (f64::from(object.dimension_m), f64::from(object.reach_m));
-        if dimension_m > told_m.min(node.dimension_m()) + SLACK_M || reach_m > node.reach_m() + SLACK_M {
+        if f64::from(object.dimension_m) > told_m + SLACK_M || f64::from(object.reach_m) > reach_m + SLACK_M {
             result.add(node.cell(), format!("object {} is larger than the index tells", object.id));
         }
         if f64::from(object.top_m) > high_m + SLACK_M {

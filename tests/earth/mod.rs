@@ -113,7 +113,7 @@ fn trees(mut place: impl FnMut(PageId) -> Place) -> Vec<IndexTree> {
         }
         if cell == houses_root() {
             let place = place(houses_page());
-            node.objects.push(ObjectsEntry { collection: 0, rep: 0, place, dimension_m: HOUSE_M });
+            node.objects.push(ObjectsEntry { collection: 0, rep: 0, place, dimension_m: HOUSE_M, error_m: 0.0 });
         }
         zones.entry(cell.zone()).or_default().insert(cell, node);
     }

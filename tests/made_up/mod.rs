@@ -49,7 +49,7 @@ pub fn build<T: Fn(CellId) -> bool, I: Fn(CellId) -> bool>(plan: &Plan<T, I>) ->
             }
             let place = Place::new(offset, OBJECTS_LEN).unwrap();
             offset += u64::from(OBJECTS_LEN);
-            let entry = ObjectsEntry { collection: 0, rep: 0, place, dimension_m: 60.0 };
+            let entry = ObjectsEntry { collection: 0, rep: 0, place, dimension_m: 60.0, error_m: 0.0 };
             cells.get_mut(&root).unwrap().objects.push(entry);
         }
         forest.insert(IndexTree::build(zone, &cells).unwrap());

@@ -106,7 +106,7 @@ impl Shape {
             && self.unit(cell, Draw::Objects) < self.objects;
         let objects = has_objects.then(|| {
             let dimension_m = 5.0 * 400f64.powf(self.unit(cell, Draw::Dimension));
-            ObjectsEntry { collection: 0, rep: 0, place: place(Draw::ObjectsLen), dimension_m }
+            ObjectsEntry { collection: 0, rep: 0, place: place(Draw::ObjectsLen), dimension_m, error_m: 0.0 }
         });
         let info = NodeInfo {
             terrain: terrain_entry,

@@ -5,6 +5,7 @@ use anyhow::Context;
 use serde_json::json;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use stoop::content::FIRST_GROUPS;
 use stoop::forest::ZONE_DEG;
 use stoop::store::{CollectionInfo, LayerInfo, NamedView, World};
 use stoop::units::ByteSize;
@@ -116,6 +117,20 @@ fn print_collection(info: &CollectionInfo) {
         info.vgis_level,
         info.large_objects
     );
+    if !info.reps.is_empty() {
+        cli::sayln!("  rep              pages         bytes    objects  error_m");
+        for rep in &info.reps {
+            let kind = if rep.rep < FIRST_GROUPS { "objects" } else { "groups" };
+            cli::sayln!(
+                "  {:>3} {kind:<8} {:>9} {:>13} {:>10} {:>8.2}",
+                rep.rep,
+                rep.pages,
+                rep.bytes,
+                rep.objects,
+                rep.error_max_m
+            );
+        }
+    }
     cli::sayln!("  work of a query   level     cells   objects     large     pages      cost");
     for point in &info.cost_curve {
         let chosen = if point.level == info.changeover_level { " <" } else { "" };

@@ -40,7 +40,7 @@ pub(super) fn segment<I: Borrow<NodeInfo>>(
             queue.extend(children);
         }
         nodes.push(NodeRecord::pack(cell, info, mask, first_child, objects.len())?);
-        objects.extend(info.objects.iter().map(ObjectsRecord::pack));
+        objects.extend(ObjectsRecord::pack(info));
     }
     let segment = Segment::of_records(root, &nodes, &objects);
     let segment = segment.ok_or(IndexError::Malformed { segment: root, what: "records are not aligned" })?;

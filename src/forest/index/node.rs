@@ -3,7 +3,7 @@
 use super::directory::SegmentRef;
 use super::segment::{SEGMENT_LEVELS, Segment, quadrants, rank};
 use super::tree::IndexTree;
-use super::{NodeRecord, ObjectsEntry, ObjectsRecord, Place, TerrainEntry};
+use super::{NodeRecord, ObjectsBelow, ObjectsEntry, ObjectsRecord, Place, TerrainEntry};
 use crate::forest::{CellId, Quadrant};
 
 /// A node's place in a tree; as light as an index. The same whichever segments are resident.
@@ -64,7 +64,12 @@ impl<'a> Node<'a> {
 
     /// The pages of objects rooted at this cell.
     pub fn objects(&self) -> impl Iterator<Item = ObjectsEntry> + use<'a> {
-        self.segment.objects()[self.record().objects()].iter().map(ObjectsRecord::unpack)
+        self.segment.objects()[self.record().objects()].iter().filter_map(ObjectsRecord::page)
+    }
+
+    /// What lies in the subtree, of each collection that has pages of groups rooted at this cell.
+    pub fn objects_below(&self) -> impl Iterator<Item = ObjectsBelow> + use<'a> {
+        self.segment.objects()[self.record().objects()].iter().filter_map(ObjectsRecord::below)
     }
 
     /// Whether the world has children of the cell, resident or not.

@@ -234,7 +234,7 @@ impl Outlook {
     /// A segment of the index comes before all that it tells of.
     fn add_segment(&mut self, region: &FrontRegion<'_>, is_due: bool) {
         for rep in region.chain {
-            let page = PageId { cell: rep.cell, kind: region.kind };
+            let page = rep.page();
             self.page(page, rep.place);
             self.promise(page, SEGMENT_GAIN, is_due);
         }
@@ -245,7 +245,7 @@ impl Outlook {
         if region.front >= region.chain.len() {
             return;
         }
-        let page_at = |at: usize| PageId { cell: region.chain[at].cell, kind: region.kind };
+        let page_at = |at: usize| region.chain[at].page();
         let excess_px = |at: Option<usize>| region.excess_px(region.error_px(at), asked_px);
         let last = region.front;
         let drawn = (0..=last).rev().find(|&at| manager.is_resident(page_at(at)));

@@ -48,7 +48,7 @@ impl Policy for VgisPolicy {
         let asked_px = frame.params.tolerance_px;
         survey(frame.index, frame.cells, &ahead, frame.params, frame.drawn_tolerance_px, |region: &FrontRegion<'_>| {
             let Some(rep) = region.chain.get(region.front) else { return };
-            let page = PageId { cell: rep.cell, kind: region.kind };
+            let page = rep.page();
             let fall_px = region.drawn_px - region.error_px(Some(region.front)).max(asked_px);
             let demand =
                 wanted.entry(page).or_insert(Demand { page, place: rep.place, urgency: Urgency::Visible, gain: 0.0 });

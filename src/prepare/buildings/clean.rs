@@ -288,9 +288,16 @@ fn footprint(polygon: &Polygon, plane: Plane) -> Result<Option<Footprint>, Reaso
     if rings.iter().map(|ring| ring.0.len() - 1).sum::<usize>() > POINTS_MAX {
         return Err("more than 65536 points");
     }
-    let triangles = ears(polygon, area_m2).or_else(|| delaunay(polygon, area_m2)).ok_or("cannot be triangulated")?;
+    let triangles = triangulate(polygon).ok_or("cannot be triangulated")?;
     let degrees = |ring: &&LineString| oriented(ring).map(|p| wrapped(plane.back(p), plane)).collect();
     Ok(Some(Footprint { rings: rings.iter().map(degrees).collect(), triangles, area_m2 }))
+}
+
+/// Counter-clockwise triangles as indices into the rings laid end to end, not closed, which must have no more points
+/// than those can name; `None` where no triangles cover the polygon.
+pub(super) fn triangulate(polygon: &Polygon) -> Option<Vec<[u16; 3]>> {
+    let area_m2 = polygon.unsigned_area();
+    ears(polygon, area_m2).or_else(|| delaunay(polygon, area_m2))
 }
 
 /// Ear clipping; `None` where the triangles do not cover the area.

@@ -4,9 +4,11 @@
 mod changeover;
 mod clean;
 mod color;
+mod groups;
 mod pack;
 mod place;
 mod rules;
+mod tree;
 
 pub use changeover::{Changeover, Item, choose, deepest_level};
 pub use clean::{AREA_MIN_M2, Footprint, TOLERANCE_M, clean};
@@ -21,7 +23,7 @@ use super::{OnProgress, PrepareError, Progress};
 use crate::content::Prism;
 use crate::forest::{CellId, LEVEL_MAX};
 use crate::geodesy::VerticalDatum;
-use crate::store::{CollectionInfo, PrismPage, SourceInfo, encode_objects};
+use crate::store::{CollectionInfo, PrismPage, RepInfo, SourceInfo, encode_objects};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
@@ -48,6 +50,9 @@ pub struct PreparedCollection {
 #[derive(Clone, Debug)]
 pub struct ObjectsPage {
     pub root: CellId,
+    pub rep: u8,
+    /// How far it may be off the finest rep, metres; 0 for that.
+    pub error_m: f64,
     pub bytes: Vec<u8>,
     pub objects: u64,
     /// Largest bounding dimension, metres.
@@ -56,6 +61,8 @@ pub struct ObjectsPage {
     pub reach_m: f64,
     /// Lowest and highest drawn height above the ellipsoid, foundations included, metres.
     pub height_range_m: (f64, f64),
+    /// Of the finest rep: largest bounding dimension of all objects of the collection from the root down, metres.
+    pub below_dimension_m: Option<f64>,
 }
 
 /// One prism of a collection, with what is kept of its feature.
@@ -101,12 +108,13 @@ pub fn prepare_collection(
     let large = items.iter().filter(|item| item.deepest < changeover.level).count() as u64;
     gathered.objects.par_sort_by_key(|object| (object.prism.cell, object.prism.id));
     let bounds_deg = bounds_deg(&gathered.objects);
-    let pages = pages(&gathered.objects, collection, &section.name, progress)?;
+    let pages = pages(&gathered.objects, collection, &section.name, ground, progress)?;
     let info = CollectionInfo {
         name: section.name.clone(),
         objects: gathered.features,
         pages: pages.len() as u64,
         bytes: pages.iter().map(|page| page.bytes.len() as u64).sum(),
+        reps: reps(&pages),
         changeover_level: changeover.level,
         vgis_level: changeover.vgis_level,
         cost_curve: changeover.curve,
@@ -289,6 +297,7 @@ fn pages(
     objects: &[Placed],
     collection: u8,
     name: &str,
+    ground: &Ground,
     progress: OnProgress<'_>,
 ) -> Result<Vec<ObjectsPage>, PrepareError> {
     let cells = objects.chunk_by(|a, b| a.prism.cell == b.prism.cell);
@@ -306,27 +315,48 @@ fn pages(
     let plans = plan(&scaled, PAGE_BYTES_MAX);
     let pages: Result<Vec<_>, PrepareError> = plans.par_iter().map(encode).collect();
     progress(Progress { stage: "pages of buildings", item: name, done: plans.len() as u64, total: plans.len() as u64 });
-    pages
+    tree::with_groups(pages?, &plans, &cells, collection, name, ground)
+}
+
+/// What there is of each rep, the finest first.
+fn reps(pages: &[ObjectsPage]) -> Vec<RepInfo> {
+    let mut reps: BTreeMap<u8, RepInfo> = BTreeMap::new();
+    for page in pages {
+        let info = reps.entry(page.rep).or_insert(RepInfo { rep: page.rep, ..RepInfo::default() });
+        info.pages += 1;
+        info.bytes += page.bytes.len() as u64;
+        info.objects += page.objects;
+        info.error_max_m = info.error_max_m.max(page.error_m);
+    }
+    reps.into_values().collect()
 }
 
 fn encode(plan: &PagePlan, cells: &[&[Placed]], collection: u8, name: &str) -> Result<ObjectsPage, PrepareError> {
     let objects: Vec<&Placed> = plan.cells.iter().flat_map(|&at| cells[at]).collect();
     let prisms = objects.iter().map(|object| object.prism.clone()).collect();
     let page = PrismPage { root: plan.root, collection, rep: 0, error_m: ERROR_M, prisms };
-    let attributes = texts(&objects);
-    let bytes = encode_objects(&page, &attributes).map_err(|error| {
-        PrepareError::value(name, format!("page of cell {}", plan.root), error, "split the collection in two")
+    encode_page(page, &texts(&objects), name)
+}
+
+/// A page with what the index is to know of it.
+fn encode_page(page: PrismPage, attributes: &[String], name: &str) -> Result<ObjectsPage, PrepareError> {
+    let bytes = encode_objects(&page, attributes).map_err(|error| {
+        PrepareError::value(name, format!("page of cell {}", page.root), error, "split the collection in two")
     })?;
-    let largest = |size: &dyn Fn(&Placed) -> f64| objects.iter().map(|object| size(object)).fold(0.0, f64::max);
-    let low = objects.iter().map(|o| f64::from(o.prism.base_m) - f64::from(o.prism.foundation_m));
-    let high = objects.iter().map(|o| f64::from(o.prism.top_m));
+    let prisms = &page.prisms;
+    let largest = |size: &dyn Fn(&Prism) -> f64| prisms.iter().map(size).fold(0.0, f64::max);
+    let low = prisms.iter().map(|prism| f64::from(prism.base_m) - f64::from(prism.foundation_m));
+    let high = prisms.iter().map(|prism| f64::from(prism.top_m));
     Ok(ObjectsPage {
-        root: plan.root,
-        bytes,
-        objects: objects.len() as u64,
-        dimension_m: largest(&|object| object.prism.dimension_m()),
-        reach_m: largest(&|object| object.reach_m),
+        root: page.root,
+        rep: page.rep,
+        error_m: if page.rep == 0 { 0.0 } else { f64::from(page.error_m) },
+        objects: prisms.len() as u64,
+        dimension_m: largest(&Prism::dimension_m),
+        reach_m: largest(&Prism::reach_m),
         height_range_m: (low.fold(f64::INFINITY, f64::min), high.fold(f64::NEG_INFINITY, f64::max)),
+        below_dimension_m: None,
+        bytes,
     })
 }
 

@@ -188,7 +188,7 @@ fn wide_front(params: &FrontParams, situation: &Situation<'_>, wide: &View) -> B
     survey(frame.index, frame.cells, wide, &lowered, frame.drawn_tolerance_px, |region: &FrontRegion<'_>| {
         if let Some(rep) = region.chain.get(region.front) {
             let share = region.absent_px / threshold_px.max(1e-9);
-            pages.insert(PageId { cell: rep.cell, kind: region.kind }, FrontPage { place: rep.place, share });
+            pages.insert(rep.page(), FrontPage { place: rep.place, share });
         }
     });
     pages

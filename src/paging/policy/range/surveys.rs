@@ -131,7 +131,7 @@ impl Lens {
             is_whole &= region.kind != PageKind::Segment || region.drawn.is_some();
             for at in region.front.saturating_sub(coarser_levels)..=region.front {
                 if let Some(rep) = region.chain.get(at) {
-                    let page = PageId { cell: rep.cell, kind: region.kind };
+                    let page = rep.page();
                     let above_front = (region.front - at) as u32;
                     // Segments of the index come before all that they tell of.
                     let coarser = if region.kind == PageKind::Segment { COARSER_MAX + 1 } else { above_front };

@@ -1,0 +1,145 @@
+//! Groups: what stands for the objects of a whole subtree from afar (Varadhan & Manocha 2002, §3.1; design §5).
+//!
+//! Objects become columns over a grid along their walls; squares half covered and more are filled, and those of about
+//! one height joined to blocks. What blocks would show wrongly by more than the error aimed at stays as it is: landmarks.
+//! What is smaller than that error may vanish. The error told is measured: the farthest that any point of a roof is
+//! from the nearest block, and a block's from the nearest roof (the Hausdorff distance of the roofs), an object that
+//! vanished counting its own bounding dimension.
+
+mod blocks;
+mod columns;
+mod plane;
+
+use super::place::Ground;
+use super::{Placed, place};
+use crate::content::Prism;
+use crate::forest::CellId;
+use blocks::{Allowed, Block, blocks, simplified};
+use columns::{Columns, SAMPLES, Shape};
+use plane::Plane;
+use rayon::prelude::*;
+
+/// Of the error aimed at: the squares' sides, how far a block's roof may be off those of its squares, its outline off
+/// their sides, and the outlines of landmarks off what they are.
+const SIDE_PER_ERROR: f64 = 0.4;
+const STEP_PER_ERROR: f64 = 0.5;
+const OUTLINE_PER_ERROR: f64 = 0.4;
+const LANDMARK_PER_ERROR: f64 = 0.5;
+/// How often landmarks are looked for.
+const ROUNDS: usize = 8;
+/// Visible walls are never less than this, metres.
+const WALL_MIN_M: f64 = 0.05;
+
+/// What stands for some objects.
+#[derive(Debug, Default)]
+pub struct Group {
+    pub prisms: Vec<Prism>,
+    /// Measured; metres.
+    pub error_m: f64,
+}
+
+/// Makes groups of objects that the parts of a page stand for: each part's cell and objects.
+pub fn group(parts: &[(CellId, Vec<&Placed>)], error_m: f64, ground: &Ground) -> Group {
+    let plane = Plane::along_walls(parts.iter().flat_map(|(_, objects)| objects.iter().map(|object| &object.prism)));
+    let made: Vec<Group> =
+        parts.par_iter().map(|(cell, objects)| part(*cell, objects, error_m, &plane, ground)).collect();
+    made.into_iter().fold(Group::default(), |mut all, part| {
+        all.prisms.extend(part.prisms);
+        all.error_m = all.error_m.max(part.error_m);
+        all
+    })
+}
+
+/// An object on its way into a group.
+struct Member<'a> {
+    placed: &'a Placed,
+    shape: Shape,
+    dimension_m: f64,
+    landmark: bool,
+}
+
+fn part(cell: CellId, objects: &[&Placed], error_m: f64, plane: &Plane, ground: &Ground) -> Group {
+    let side_m = error_m * SIDE_PER_ERROR;
+    let mut members: Vec<Member> = objects
+        .iter()
+        .map(|placed| {
+            let shape = Shape::of(&placed.prism, plane);
+            let landmark = shape.is_beyond(side_m / f64::from(SAMPLES));
+            Member { placed, shape, dimension_m: placed.prism.dimension_m(), landmark }
+        })
+        .collect();
+    let allowed =
+        Allowed { step_m: error_m * STEP_PER_ERROR, outline_m: error_m * OUTLINE_PER_ERROR, smallest_m: error_m };
+    let mut round = 0;
+    let (columns, made, errors_m) = loop {
+        let mut columns = Columns::new(side_m);
+        for (number, member) in members.iter().enumerate().filter(|(_, member)| !member.landmark) {
+            columns.add(number as u32, &member.placed.prism, &member.shape);
+        }
+        let made = blocks(&mut columns, allowed);
+        let errors_m: Vec<f64> = members.iter().map(|member| member.error_m(&columns, allowed.outline_m)).collect();
+        round += 1;
+        let mut more = false;
+        for (member, &off_m) in members.iter_mut().zip(&errors_m) {
+            if off_m > error_m && round < ROUNDS {
+                (member.landmark, more) = (true, true);
+            }
+        }
+        if !more {
+            break (columns, made, errors_m);
+        }
+    };
+    let landmark_m = error_m * LANDMARK_PER_ERROR;
+    let landmarks = members.iter().filter(|member| member.landmark).map(|member| member.simplified(plane, landmark_m));
+    let blocks = made.iter().filter_map(|block| block.prism(&members, plane, ground));
+    let mut prisms: Vec<Prism> = landmarks.chain(blocks).collect();
+    prisms.iter_mut().for_each(|prism| prism.cell = cell);
+    let has_landmarks = members.iter().any(|member| member.landmark);
+    let least_m = columns.reverse_m(allowed.outline_m).max(if has_landmarks { landmark_m } else { 0.0 });
+    Group { prisms, error_m: errors_m.into_iter().fold(least_m, f64::max) }
+}
+
+impl Member<'_> {
+    /// How far the blocks that stand for it are off; 0 for landmarks, which stand for themselves.
+    fn error_m(&self, columns: &Columns, outline_m: f64) -> f64 {
+        if self.landmark {
+            return 0.0;
+        }
+        let off_m = columns.distance_m(&self.placed.prism, &self.shape, self.dimension_m) + outline_m;
+        off_m.min(self.dimension_m)
+    }
+
+    /// The object with a simpler outline.
+    fn simplified(&self, plane: &Plane, within_m: f64) -> Prism {
+        let prism = self.placed.prism.clone();
+        match simplified(&self.shape.rings, within_m) {
+            Some((rings, roof)) => Prism { rings: back(&rings, plane), roof, ..prism },
+            None => prism,
+        }
+    }
+}
+
+impl Block {
+    /// The block as a prism on its ground; `None` where all of it is below the ground.
+    fn prism(&self, members: &[Member], plane: &Plane, ground: &Ground) -> Option<Prism> {
+        let object = &members.get(self.object as usize)?.placed.prism;
+        let mut prism = Prism {
+            id: object.id,
+            rings: back(&self.rings, plane),
+            roof: self.triangles.clone(),
+            wall_color: object.wall_color,
+            roof_color: object.roof_color,
+            ..object.clone()
+        };
+        let footprint = prism.footprint();
+        let own_m = (ground.height_m)(footprint.lat_rad, place::wrap(footprint.lon_rad));
+        let base_m = self.base_m.max(own_m).min(self.top_m - WALL_MIN_M);
+        (prism.base_m, prism.top_m) = (base_m as f32, self.top_m as f32);
+        prism.foundation_m = (base_m - self.foot_m).max(0.0) as f32;
+        Some(prism)
+    }
+}
+
+fn back(rings: &[Vec<[f64; 2]>], plane: &Plane) -> Vec<Vec<[f64; 2]>> {
+    rings.iter().map(|ring| ring.iter().map(|&corner| plane.back(corner)).collect()).collect()
+}

@@ -1,0 +1,59 @@
+//! A plane about a set of objects, turned along their walls.
+
+use crate::content::Prism;
+use crate::geodesy::{meridian_radius_m, prime_vertical_radius_m};
+use std::f64::consts::{FRAC_PI_2, TAU};
+
+/// Metres about a place, x along the walls. Longitudes are taken as they are: objects of one zone.
+#[derive(Clone, Copy, Debug)]
+pub struct Plane {
+    origin: [f64; 2],
+    metres: [f64; 2],
+    /// Cosine and sine of the x axis over east.
+    turn: [f64; 2],
+}
+
+impl Plane {
+    /// About the middle of some objects' bounds, with the axes along most of their walls' length.
+    pub fn along_walls<'p>(prisms: impl Iterator<Item = &'p Prism> + Clone) -> Self {
+        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        for &[lon, lat] in prisms.clone().flat_map(|prism| prism.rings.iter().flatten()) {
+            low = [low[0].min(lon), low[1].min(lat)];
+            high = [high[0].max(lon), high[1].max(lat)];
+        }
+        let origin = [0, 1].map(|axis| if low[axis] <= high[axis] { (low[axis] + high[axis]) / 2.0 } else { 0.0 });
+        let sin = origin[1].sin();
+        let metres = [(prime_vertical_radius_m(sin) * origin[1].cos()).max(1.0), meridian_radius_m(sin)];
+        let mut plane = Self { origin, metres, turn: [1.0, 0.0] };
+        let turn_rad = plane.wall_turn_rad(prisms);
+        plane.turn = [turn_rad.cos(), turn_rad.sin()];
+        plane
+    }
+
+    /// The walls' mean direction by length, walls at right angles taken as the same: a mean over four times the angle.
+    fn wall_turn_rad<'p>(&self, prisms: impl Iterator<Item = &'p Prism>) -> f64 {
+        let mut sum = [0.0; 2];
+        for ring in prisms.flat_map(|prism| &prism.rings) {
+            for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
+                let (a, b) = (self.to(*a), self.to(*b));
+                let (x, y) = (b[0] - a[0], b[1] - a[1]);
+                let (length, angle) = (x.hypot(y), 4.0 * y.atan2(x));
+                sum = [sum[0] + length * angle.cos(), sum[1] + length * angle.sin()];
+            }
+        }
+        (sum[1].atan2(sum[0]).rem_euclid(TAU) / 4.0) % FRAC_PI_2
+    }
+
+    /// Longitude and latitude, radians, to metres.
+    pub fn to(&self, [lon, lat]: [f64; 2]) -> [f64; 2] {
+        let (east, north) = ((lon - self.origin[0]) * self.metres[0], (lat - self.origin[1]) * self.metres[1]);
+        let [cos, sin] = self.turn;
+        [east * cos + north * sin, north * cos - east * sin]
+    }
+
+    pub fn back(&self, [x, y]: [f64; 2]) -> [f64; 2] {
+        let [cos, sin] = self.turn;
+        let (east, north) = (x * cos - y * sin, x * sin + y * cos);
+        [east / self.metres[0] + self.origin[0], north / self.metres[1] + self.origin[1]]
+    }
+}

@@ -1,0 +1,220 @@
+//! The tree of a collection's pages, and the groups in it.
+//!
+//! A page's parent is the page of the nearest root above. At a root from [`GROUPS_LEVEL_MIN`] on, groups stand for all
+//! objects below: the finest that fit in a page, and coarser ones by doubled error until the groups of the root above take
+//! over; at the top until next to nothing is left.
+
+use super::groups::group;
+use super::pack::{PAGE_BYTES_MAX, PagePlan};
+use super::place::Ground;
+use super::{ERROR_M, ObjectsPage, Placed, PrepareError, encode_page};
+use crate::content::{FIRST_GROUPS, ObjectPage, Prism};
+use crate::forest::CellId;
+use crate::store::{FOOTPRINT_UNIT_PER_ERROR, PrismPage};
+use rayon::prelude::*;
+
+/// Roots above this level are too wide for a plane, and what they hold is of no size from as far.
+const GROUPS_LEVEL_MIN: u8 = 6;
+/// Errors aimed at: this, and doubled again and again; metres.
+const ERROR_FIRST_M: f64 = 1.0;
+const ERRORS: u32 = 14;
+/// Groups that save less than half of the triangles are not worth a page.
+const SAVED_MIN: f64 = 0.5;
+/// Fewer triangles are not worth a coarser page.
+const COARSER_TRIANGLES_MIN: usize = 200;
+
+/// A page's root with what lies below.
+struct Node<'a> {
+    root: CellId,
+    own: Vec<&'a Placed>,
+    parent: Option<usize>,
+    children: Vec<usize>,
+    /// Largest bounding dimension of all objects of the subtree, metres.
+    dimension_m: f64,
+    /// The node after the last of the subtree.
+    end: usize,
+    depth: usize,
+}
+
+/// Groups of one node, the finest first.
+type Ladder = Vec<Made>;
+
+struct Made {
+    page: ObjectsPage,
+    triangles: usize,
+    /// The error that was aimed at, as a power of two over the first.
+    power: u32,
+}
+
+/// What comes of an error aimed at.
+enum Making {
+    Made(Made),
+    /// More than a page can hold.
+    TooMany,
+    /// All that there is may vanish.
+    Nothing,
+}
+
+/// Adds the groups to the pages of a collection, which are in the order of their plans; `cells` are what those name.
+pub fn with_groups(
+    pages: Vec<ObjectsPage>,
+    plans: &[PagePlan],
+    cells: &[&[Placed]],
+    collection: u8,
+    name: &str,
+    ground: &Ground,
+) -> Result<Vec<ObjectsPage>, PrepareError> {
+    let nodes = nodes(&pages, plans, cells);
+    let tree = Tree { nodes: &nodes, collection, name, ground };
+    let finest = tree.finest()?;
+    let coarser: Result<Vec<Ladder>, PrepareError> =
+        (0..nodes.len()).into_par_iter().map(|at| tree.coarser(at, &finest)).collect();
+    let mut ladders: Vec<Ladder> = coarser?;
+    for (ladder, finest) in ladders.iter_mut().zip(finest) {
+        ladder.splice(0..0, finest);
+    }
+    let mut all = Vec::new();
+    for (at, mut page) in pages.into_iter().enumerate() {
+        page.below_dimension_m = Some(nodes[at].dimension_m);
+        let ladder = std::mem::take(&mut ladders[at]);
+        all.extend(ladder.into_iter().rev().map(|made| made.page));
+        all.push(page);
+    }
+    Ok(all)
+}
+
+fn nodes<'a>(pages: &[ObjectsPage], plans: &[PagePlan], cells: &[&'a [Placed]]) -> Vec<Node<'a>> {
+    let mut nodes: Vec<Node> = Vec::with_capacity(plans.len());
+    let mut above: Vec<usize> = Vec::new();
+    // The pages are those of the plans. Roots are in the order of a walk down the tree.
+    for (at, (plan, page)) in plans.iter().zip(pages).enumerate() {
+        while above.last().is_some_and(|&last| !nodes[last].root.contains(plan.root)) {
+            above.pop();
+        }
+        let parent = above.last().copied();
+        if let Some(parent) = parent {
+            nodes[parent].children.push(at);
+        }
+        let own = plan.cells.iter().flat_map(|&cell| cells[cell]).collect();
+        let depth = above.len();
+        let dimension_m = page.dimension_m;
+        nodes.push(Node { root: plan.root, own, parent, children: Vec::new(), dimension_m, end: at + 1, depth });
+        for &ancestor in &above {
+            let ancestor = &mut nodes[ancestor];
+            (ancestor.end, ancestor.dimension_m) = (at + 1, ancestor.dimension_m.max(dimension_m));
+        }
+        above.push(at);
+    }
+    nodes
+}
+
+struct Tree<'t, 'a> {
+    nodes: &'t [Node<'a>],
+    collection: u8,
+    name: &'t str,
+    ground: &'t Ground<'t>,
+}
+
+impl<'t, 'a> Tree<'t, 'a> {
+    fn subtree(&self, at: usize) -> impl Iterator<Item = &'t Node<'a>> {
+        self.nodes[at..self.nodes[at].end].iter()
+    }
+
+    /// The finest groups of each node that fit in a page, children before parents, whose error is no less.
+    fn finest(&self) -> Result<Vec<Option<Made>>, PrepareError> {
+        let mut finest: Vec<Option<Made>> = Vec::new();
+        finest.resize_with(self.nodes.len(), || None);
+        let deepest = self.nodes.iter().map(|node| node.depth).max().unwrap_or(0);
+        for depth in (0..=deepest).rev() {
+            let of_depth = (0..self.nodes.len()).filter(|&at| self.nodes[at].depth == depth);
+            let of_depth: Vec<usize> = of_depth.collect();
+            let made: Result<Vec<_>, PrepareError> =
+                of_depth.par_iter().map(|&at| self.finest_of(at, &finest)).collect();
+            for (at, made) in of_depth.into_iter().zip(made?) {
+                finest[at] = made;
+            }
+        }
+        Ok(finest)
+    }
+
+    fn finest_of(&self, at: usize, finest: &[Option<Made>]) -> Result<Option<Made>, PrepareError> {
+        let node = &self.nodes[at];
+        let own: usize = node.own.iter().map(|object| object.prism.triangles()).sum();
+        let below = node.children.iter().map(|&child| finest[child].as_ref().map_or(0, |made| made.triangles));
+        let limit = ((own + below.sum::<usize>()) as f64 * SAVED_MIN) as usize;
+        let first = node.children.iter().filter_map(|&child| finest[child].as_ref().map(|made| made.power)).max();
+        for power in first.unwrap_or_else(|| first_power(&node.own))..ERRORS {
+            match self.make(at, FIRST_GROUPS, power)? {
+                Making::Made(made) if made.triangles <= limit && made.page.bytes.len() as u64 <= PAGE_BYTES_MAX => {
+                    return Ok(Some(made));
+                }
+                Making::Made(_) | Making::TooMany => {}
+                Making::Nothing => break,
+            }
+        }
+        Ok(None)
+    }
+
+    /// Groups coarser than a node's finest, down to where those of the root above begin.
+    fn coarser(&self, at: usize, finest: &[Option<Made>]) -> Result<Ladder, PrepareError> {
+        let Some(first) = &finest[at] else { return Ok(Vec::new()) };
+        let above = self.nodes[at].parent.and_then(|parent| finest[parent].as_ref()).map_or(ERRORS, |made| made.power);
+        let mut ladder = Ladder::new();
+        let (mut triangles, mut error_m) = (first.triangles, first.page.error_m);
+        for power in first.power + 1..above {
+            let rep = usize::from(FIRST_GROUPS) + 1 + ladder.len();
+            let Ok(rep) = u8::try_from(rep) else { break };
+            if triangles < COARSER_TRIANGLES_MIN {
+                break;
+            }
+            let Making::Made(made) = self.make(at, rep, power)? else { break };
+            let is_worth_it = made.triangles as f64 <= triangles as f64 * SAVED_MIN;
+            if is_worth_it && made.page.error_m > error_m {
+                (triangles, error_m) = (made.triangles, made.page.error_m);
+                ladder.push(made);
+            }
+        }
+        Ok(ladder)
+    }
+
+    fn make(&self, at: usize, rep: u8, power: u32) -> Result<Making, PrepareError> {
+        let node = &self.nodes[at];
+        let error_m = ERROR_FIRST_M * f64::from(1u32 << power);
+        if node.root.level() < GROUPS_LEVEL_MIN || error_m >= node.dimension_m {
+            return Ok(Making::Nothing);
+        }
+        let below = |child: usize| self.subtree(child).flat_map(|node| node.own.iter().copied()).collect();
+        let children = node.children.iter().map(|&child| (self.nodes[child].root, below(child)));
+        let parts: Vec<(CellId, Vec<&Placed>)> =
+            std::iter::once((node.root, node.own.clone())).chain(children).collect();
+        let group = group(&parts, error_m, self.ground);
+        if group.prisms.is_empty() {
+            return Ok(Making::Nothing);
+        }
+        if group.prisms.len() > ObjectPage::OBJECTS_MAX {
+            return Ok(Making::TooMany);
+        }
+        let triangles = group.prisms.iter().map(Prism::triangles).sum();
+        let of = PrismPage {
+            root: node.root,
+            collection: self.collection,
+            rep,
+            // Corners are stored to half of a unit.
+            error_m: (group.error_m * (1.0 + FOOTPRINT_UNIT_PER_ERROR)) as f32 + ERROR_M,
+            prisms: group.prisms,
+        };
+        let page = encode_page(of, &[], self.name)?;
+        Ok(Making::Made(Made { page, triangles, power }))
+    }
+}
+
+/// Below half of what most objects measure, groups have nothing to join.
+fn first_power(objects: &[&Placed]) -> u32 {
+    let mut dimensions_m: Vec<f64> = objects.iter().map(|object| object.prism.dimension_m()).collect();
+    let middle = dimensions_m.len() / 2;
+    if dimensions_m.is_empty() {
+        return 0;
+    }
+    let (_, median_m, _) = dimensions_m.select_nth_unstable_by(middle, f64::total_cmp);
+    (*median_m / 2.0 / ERROR_FIRST_M).log2().floor().clamp(0.0, f64::from(ERRORS - 1)) as u32
+}
