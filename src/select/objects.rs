@@ -130,7 +130,9 @@ impl Walk<'_, '_> {
     /// Offers each collection what it has at a node. Gives the collections to leave after the node's children, and
     /// whether there is nothing to be seen below.
     fn enter(&mut self, place: &Place<'_, '_>, px_per_m: f64) -> (Vec<u8>, bool) {
-        let mut entries: Vec<ObjectsEntry> = place.node.objects().collect();
+        // Without groups each object is drawn as it is.
+        let is_wanted = |entry: &ObjectsEntry| self.thresholds.groups || entry.rep == 0;
+        let mut entries: Vec<ObjectsEntry> = place.node.objects().filter(is_wanted).collect();
         if entries.is_empty() {
             return (Vec::new(), false);
         }

@@ -215,8 +215,24 @@ fn choices(
             choices.push(Choice { page: None, stored_bytes, held_bytes, left_px: excess_px(Some(region.front)) });
         }
     }
+    choices.extend(finer_objects(index, region, excess_px(Some(region.front))));
     let most_px = excess_px((pinned > 0).then_some(0));
     Region { layer, share: region.share, most_px, choices }
+}
+
+/// Finer pages in the place of groups: all of them together are at least as large as the smallest at the region's own
+/// cell, since one of those is always among them.
+fn finer_objects(index: &IndexForest, region: &FrontRegion<'_>, left_px: f64) -> Option<Choice> {
+    let PageKind::Objects { collection, .. } = region.kind else { return None };
+    let is_in_chain = |rep: u8| {
+        let kind = PageKind::Objects { collection, rep };
+        region.chain.iter().any(|known| known.page() == PageId { cell: region.cell, kind })
+    };
+    let node = index.find(region.cell)?;
+    let entries = node.objects().filter(|entry| entry.collection == collection && !is_in_chain(entry.rep));
+    let place = entries.map(|entry| entry.place).min_by_key(|place| place.len)?;
+    let held_bytes = least_held_bytes(region.kind, place) as f64;
+    Some(Choice { page: None, stored_bytes: f64::from(place.len), held_bytes, left_px })
 }
 
 /// The fewest bytes, stored and held, of pages below a node that cover all of it; infinite where none do.

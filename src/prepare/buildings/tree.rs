@@ -1,10 +1,10 @@
 //! The tree of a collection's pages, and the groups in it.
 //!
-//! A page's parent is the page of the nearest root above. At a root from [`GROUPS_LEVEL_MIN`] on, groups stand for all
+//! A page's parent is the page of the nearest root above. Its own objects may have reps with simpler outlines. At a root from [`GROUPS_LEVEL_MIN`] on, groups stand for all
 //! objects below: the finest that fit in a page, and coarser ones by doubled error until the groups of the root above take
 //! over; at the top until next to nothing is left.
 
-use super::groups::group;
+use super::groups::{Group, group, simpler};
 use super::pack::{PAGE_BYTES_MAX, PagePlan};
 use super::place::Ground;
 use super::{ERROR_M, ObjectsPage, Placed, PrepareError, encode_page};
@@ -16,8 +16,10 @@ use rayon::prelude::*;
 /// Roots above this level are too wide for a plane, and what they hold is of no size from as far.
 const GROUPS_LEVEL_MIN: u8 = 6;
 /// Errors aimed at: this, and doubled again and again; metres.
-const ERROR_FIRST_M: f64 = 1.0;
-const ERRORS: u32 = 14;
+const ERROR_FIRST_M: f64 = 0.5;
+const ERRORS: u32 = 15;
+/// As many of them are tried for simpler outlines.
+const SIMPLER_POWERS: u32 = 4;
 /// Groups that save less than half of the triangles are not worth a page.
 const SAVED_MIN: f64 = 0.5;
 /// Fewer triangles are not worth a coarser page.
@@ -66,12 +68,14 @@ pub fn with_groups(
 ) -> Result<Vec<ObjectsPage>, PrepareError> {
     let nodes = nodes(&pages, plans, cells);
     let tree = Tree { nodes: &nodes, collection, name, ground };
-    let finest = tree.finest()?;
+    let simpler: Result<Vec<Ladder>, PrepareError> = nodes.par_iter().map(|node| tree.simpler(node)).collect();
+    let simpler = simpler?;
+    let finest = tree.finest(&simpler)?;
     let coarser: Result<Vec<Ladder>, PrepareError> =
         (0..nodes.len()).into_par_iter().map(|at| tree.coarser(at, &finest)).collect();
     let mut ladders: Vec<Ladder> = coarser?;
-    for (ladder, finest) in ladders.iter_mut().zip(finest) {
-        ladder.splice(0..0, finest);
+    for ((ladder, finest), simpler) in ladders.iter_mut().zip(finest).zip(simpler) {
+        ladder.splice(0..0, simpler.into_iter().chain(finest));
     }
     let mut all = Vec::new();
     for (at, mut page) in pages.into_iter().enumerate() {
@@ -120,8 +124,28 @@ impl<'t, 'a> Tree<'t, 'a> {
         self.nodes[at..self.nodes[at].end].iter()
     }
 
+    /// Reps of a node's own objects with simpler outlines, the finest first.
+    fn simpler(&self, node: &Node<'_>) -> Result<Ladder, PrepareError> {
+        let mut ladder = Ladder::new();
+        let mut triangles = triangles(&node.own);
+        for power in 0..SIMPLER_POWERS {
+            let rep = 1 + ladder.len() as u8;
+            if rep == FIRST_GROUPS || triangles < COARSER_TRIANGLES_MIN {
+                break;
+            }
+            let error_m = ERROR_FIRST_M * f64::from(1u32 << power);
+            let prisms = simpler(&node.own, error_m);
+            let left = prisms.iter().map(Prism::triangles).sum::<usize>();
+            if left as f64 <= triangles as f64 * SAVED_MIN && left > 0 {
+                triangles = left;
+                ladder.push(self.encode(node, rep, Group { prisms, error_m }, power)?);
+            }
+        }
+        Ok(ladder)
+    }
+
     /// The finest groups of each node that fit in a page, children before parents, whose error is no less.
-    fn finest(&self) -> Result<Vec<Option<Made>>, PrepareError> {
+    fn finest(&self, simpler: &[Ladder]) -> Result<Vec<Option<Made>>, PrepareError> {
         let mut finest: Vec<Option<Made>> = Vec::new();
         finest.resize_with(self.nodes.len(), || None);
         let deepest = self.nodes.iter().map(|node| node.depth).max().unwrap_or(0);
@@ -129,7 +153,7 @@ impl<'t, 'a> Tree<'t, 'a> {
             let of_depth = (0..self.nodes.len()).filter(|&at| self.nodes[at].depth == depth);
             let of_depth: Vec<usize> = of_depth.collect();
             let made: Result<Vec<_>, PrepareError> =
-                of_depth.par_iter().map(|&at| self.finest_of(at, &finest)).collect();
+                of_depth.par_iter().map(|&at| self.finest_of(at, simpler[at].last(), &finest)).collect();
             for (at, made) in of_depth.into_iter().zip(made?) {
                 finest[at] = made;
             }
@@ -137,13 +161,19 @@ impl<'t, 'a> Tree<'t, 'a> {
         Ok(finest)
     }
 
-    fn finest_of(&self, at: usize, finest: &[Option<Made>]) -> Result<Option<Made>, PrepareError> {
+    fn finest_of(
+        &self,
+        at: usize,
+        simplest: Option<&Made>,
+        finest: &[Option<Made>],
+    ) -> Result<Option<Made>, PrepareError> {
         let node = &self.nodes[at];
-        let own: usize = node.own.iter().map(|object| object.prism.triangles()).sum();
+        let own = simplest.map_or_else(|| triangles(&node.own), |made| made.triangles);
         let below = node.children.iter().map(|&child| finest[child].as_ref().map_or(0, |made| made.triangles));
         let limit = ((own + below.sum::<usize>()) as f64 * SAVED_MIN) as usize;
         let first = node.children.iter().filter_map(|&child| finest[child].as_ref().map(|made| made.power)).max();
-        for power in first.unwrap_or_else(|| first_power(&node.own))..ERRORS {
+        let own_power = simplest.map_or(0, |made| made.power + 1);
+        for power in first.unwrap_or_else(|| first_power(&node.own)).max(own_power)..ERRORS {
             match self.make(at, FIRST_GROUPS, power)? {
                 Making::Made(made) if made.triangles <= limit && made.page.bytes.len() as u64 <= PAGE_BYTES_MAX => {
                     return Ok(Some(made));
@@ -194,6 +224,10 @@ impl<'t, 'a> Tree<'t, 'a> {
         if group.prisms.len() > ObjectPage::OBJECTS_MAX {
             return Ok(Making::TooMany);
         }
+        Ok(Making::Made(self.encode(node, rep, group, power)?))
+    }
+
+    fn encode(&self, node: &Node<'_>, rep: u8, group: Group, power: u32) -> Result<Made, PrepareError> {
         let triangles = group.prisms.iter().map(Prism::triangles).sum();
         let of = PrismPage {
             root: node.root,
@@ -203,9 +237,12 @@ impl<'t, 'a> Tree<'t, 'a> {
             error_m: (group.error_m * (1.0 + FOOTPRINT_UNIT_PER_ERROR)) as f32 + ERROR_M,
             prisms: group.prisms,
         };
-        let page = encode_page(of, &[], self.name)?;
-        Ok(Making::Made(Made { page, triangles, power }))
+        Ok(Made { page: encode_page(of, &[], self.name)?, triangles, power })
     }
+}
+
+fn triangles(objects: &[&Placed]) -> usize {
+    objects.iter().map(|object| object.prism.triangles()).sum()
 }
 
 /// Below half of what most objects measure, groups have nothing to join.

@@ -2,8 +2,10 @@
 
 use super::columns::{Column, Columns, SAMPLES, TILE, TileKey};
 use crate::prepare::buildings::clean::triangulate;
-use geo::{Area, Coord, LineString, Polygon, Simplify, Validation};
-use std::collections::{BTreeMap, HashMap};
+use geo::{Area, Coord, LineString, Polygon, Simplify};
+use rustc_hash::FxHashMap;
+use smallvec::SmallVec;
+use std::collections::BTreeMap;
 
 /// A block in the plane.
 pub struct Block {
@@ -53,7 +55,7 @@ fn is_about_a_box(members: &[usize], within_sides: f64) -> bool {
     let (low, high) = members.iter().map(at).fold(([i32::MAX; 2], [i32::MIN; 2]), |(low, high), [x, y]| {
         ([low[0].min(x), low[1].min(y)], [high[0].max(x + 1), high[1].max(y + 1)])
     });
-    let mut is_full = vec![false; (TILE * TILE) as usize];
+    let mut is_full = [false; (TILE * TILE) as usize];
     members.iter().for_each(|&member| is_full[member] = true);
     let mut squares = (low[1]..high[1]).flat_map(|y| (low[0]..high[0]).filter_map(move |x| index(x, y)));
     within_sides >= 1.0 && squares.all(|at| is_full[at] || beside(at).any(|beside| is_full[beside]))
@@ -70,7 +72,7 @@ pub fn simplified(rings: &[Vec<[f64; 2]>], within_m: f64) -> Option<(Vec<Vec<[f6
     let simple_rings: Vec<Vec<[f64; 2]>> =
         std::iter::once(simple.exterior()).chain(simple.interiors()).map(open).collect();
     let corners = |rings: &[Vec<[f64; 2]>]| rings.iter().map(Vec::len).sum::<usize>();
-    if !is_alike || corners(&simple_rings) >= corners(rings) || !simple.is_valid() {
+    if !is_alike || corners(&simple_rings) >= corners(rings) {
         return None;
     }
     Some((simple_rings, triangulate(&simple)?))
@@ -200,10 +202,13 @@ fn block(
     })
 }
 
+/// Where the sides that begin at a corner end: two begin where squares touch at it.
+type Sides = FxHashMap<[i32; 2], SmallVec<[[i32; 2]; 2]>>;
+
 /// The rings round some squares, corners only: the outer one first, counter-clockwise.
 fn outline(members: &[usize], is_inside: &dyn Fn(i32, i32) -> bool) -> Vec<Vec<[i32; 2]>> {
-    // Sides with the inside on their left, by where they begin; two begin where squares touch at a corner.
-    let mut sides: HashMap<[i32; 2], Vec<[i32; 2]>> = HashMap::new();
+    // The inside is on their left.
+    let mut sides: Sides = FxHashMap::default();
     let mut starts = Vec::new();
     for &at in members {
         let (x, y) = (at as i32 % TILE, at as i32 / TILE);
@@ -223,7 +228,7 @@ fn outline(members: &[usize], is_inside: &dyn Fn(i32, i32) -> bool) -> Vec<Vec<[
     starts.sort_unstable();
     let mut rings = Vec::new();
     for start in starts {
-        while let Some(to) = sides.get_mut(&start).and_then(Vec::pop) {
+        while let Some(to) = sides.get_mut(&start).and_then(SmallVec::pop) {
             rings.push(ring(start, to, &mut sides));
         }
     }
@@ -233,7 +238,7 @@ fn outline(members: &[usize], is_inside: &dyn Fn(i32, i32) -> bool) -> Vec<Vec<[
 }
 
 /// Follows the sides round until the start, turning left where there is a choice, so that a ring keeps to one square.
-fn ring(start: [i32; 2], first: [i32; 2], sides: &mut HashMap<[i32; 2], Vec<[i32; 2]>>) -> Vec<[i32; 2]> {
+fn ring(start: [i32; 2], first: [i32; 2], sides: &mut Sides) -> Vec<[i32; 2]> {
     let mut points = vec![start];
     let (mut from, mut at) = (start, first);
     while at != start {

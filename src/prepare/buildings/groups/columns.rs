@@ -5,7 +5,7 @@
 
 use super::plane::Plane;
 use crate::content::Prism;
-use std::collections::HashMap;
+use rustc_hash::FxHashMap;
 
 /// Lattice points along a square's side.
 pub const SAMPLES: i32 = 4;
@@ -59,12 +59,20 @@ impl Column {
     }
 }
 
+/// Steps to the squares around one, itself first, then ring by ring.
+fn around() -> impl Iterator<Item = (i32, i32)> {
+    (0..=AROUND).flat_map(|ring: i32| {
+        let all = (-ring..=ring).flat_map(move |y| (-ring..=ring).map(move |x| (x, y)));
+        all.filter(move |(x, y)| x.abs().max(y.abs()) == ring)
+    })
+}
+
 pub type TileKey = [i32; 2];
 
 /// Squares of one side length.
 pub struct Columns {
     pub side_m: f64,
-    pub tiles: HashMap<TileKey, Box<[Column]>>,
+    pub tiles: FxHashMap<TileKey, Box<[Column]>>,
 }
 
 /// A square's tile, and its place there.
@@ -74,7 +82,7 @@ fn place([x, y]: [i32; 2]) -> (TileKey, usize) {
 
 impl Columns {
     pub fn new(side_m: f64) -> Self {
-        Self { side_m, tiles: HashMap::new() }
+        Self { side_m, tiles: FxHashMap::default() }
     }
 
     fn step_m(&self) -> f64 {
@@ -115,12 +123,15 @@ impl Columns {
                 match self.get(square).filter(|column| !column.block_top_m.is_nan()) {
                     Some(column) => {
                         let up_m = f64::from((column.block_top_m - prism.top_m).abs());
-                        worst_m =
-                            if up_m <= worst_m { worst_m } else { worst_m.max(self.near_m([at, row], square, prism)) };
+                        worst_m = if up_m <= worst_m {
+                            worst_m
+                        } else {
+                            worst_m.max(self.near_m([at, row], square, prism, worst_m))
+                        };
                     }
                     None => {
                         for point in at..end {
-                            worst_m = worst_m.max(self.near_m([point, row], square, prism));
+                            worst_m = worst_m.max(self.near_m([point, row], square, prism, worst_m));
                         }
                     }
                 }
@@ -131,11 +142,12 @@ impl Columns {
         worst_m + step_m * std::f64::consts::FRAC_1_SQRT_2
     }
 
-    /// From a lattice point at the roof to the blocks' roofs in the squares around.
-    fn near_m(&self, point: [i32; 2], square: [i32; 2], prism: &Prism) -> f64 {
+    /// From a lattice point at the roof to the blocks' roofs in the squares around, nearest squares first; what is within
+    /// `enough_m` is near enough.
+    fn near_m(&self, point: [i32; 2], square: [i32; 2], prism: &Prism, enough_m: f64) -> f64 {
         let step_m = self.step_m();
-        let mut nearest = f64::INFINITY;
-        for (x, y) in (-AROUND..=AROUND).flat_map(|y| (-AROUND..=AROUND).map(move |x| (x, y))) {
+        let mut nearest_m2 = f64::INFINITY;
+        for (x, y) in around() {
             let other = [square[0] + x, square[1] + y];
             let Some(column) = self.get(other).filter(|column| !column.block_top_m.is_nan()) else { continue };
             let gap = |axis: usize| {
@@ -144,9 +156,12 @@ impl Columns {
                 (from - at).max(at - to).max(0.0) * step_m
             };
             let up_m = f64::from(column.block_top_m - prism.top_m);
-            nearest = nearest.min(gap(0).hypot(gap(1)).hypot(up_m));
+            nearest_m2 = nearest_m2.min(gap(0).powi(2) + gap(1).powi(2) + up_m.powi(2));
+            if nearest_m2 <= enough_m.powi(2) {
+                break;
+            }
         }
-        nearest
+        nearest_m2.sqrt()
     }
 
     /// How far a block's roof may be from the nearest object, metres: no point of a square that is half covered is

@@ -50,6 +50,22 @@ pub fn group(parts: &[(CellId, Vec<&Placed>)], error_m: f64, ground: &Ground) ->
     })
 }
 
+/// Objects with simpler outlines, no corner left out farther than `error_m` from what is left; those that are smaller
+/// are left out.
+pub fn simpler(objects: &[&Placed], error_m: f64) -> Vec<Prism> {
+    let plane = Plane::along_walls(objects.iter().map(|object| &object.prism));
+    let large = objects.par_iter().filter(|object| object.prism.dimension_m() >= error_m);
+    large.map(|object| with_outline(&object.prism, &Shape::of(&object.prism, &plane), &plane, error_m)).collect()
+}
+
+/// A prism with a simpler outline.
+fn with_outline(prism: &Prism, shape: &Shape, plane: &Plane, within_m: f64) -> Prism {
+    match simplified(&shape.rings, within_m) {
+        Some((rings, roof)) => Prism { rings: back(&rings, plane), roof, ..prism.clone() },
+        None => prism.clone(),
+    }
+}
+
 /// An object on its way into a group.
 struct Member<'a> {
     placed: &'a Placed,
@@ -90,7 +106,10 @@ fn part(cell: CellId, objects: &[&Placed], error_m: f64, plane: &Plane, ground: 
         }
     };
     let landmark_m = error_m * LANDMARK_PER_ERROR;
-    let landmarks = members.iter().filter(|member| member.landmark).map(|member| member.simplified(plane, landmark_m));
+    let landmarks = members
+        .iter()
+        .filter(|member| member.landmark)
+        .map(|member| with_outline(&member.placed.prism, &member.shape, plane, landmark_m));
     let blocks = made.iter().filter_map(|block| block.prism(&members, plane, ground));
     let mut prisms: Vec<Prism> = landmarks.chain(blocks).collect();
     prisms.iter_mut().for_each(|prism| prism.cell = cell);
@@ -107,15 +126,6 @@ impl Member<'_> {
         }
         let off_m = columns.distance_m(&self.placed.prism, &self.shape, self.dimension_m) + outline_m;
         off_m.min(self.dimension_m)
-    }
-
-    /// The object with a simpler outline.
-    fn simplified(&self, plane: &Plane, within_m: f64) -> Prism {
-        let prism = self.placed.prism.clone();
-        match simplified(&self.shape.rings, within_m) {
-            Some((rings, roof)) => Prism { rings: back(&rings, plane), roof, ..prism },
-            None => prism,
-        }
     }
 }
 
