@@ -6,9 +6,9 @@ use super::collections::Collection;
 use super::pipeline::{BuildError, BuildOptions, Control, for_each_cell};
 use super::stage::Stages;
 use super::task::Task;
-use crate::forest::index::{IndexTree, NodeInfo, ObjectsEntry, TerrainEntry};
+use crate::forest::index::{IndexTree, NodeInfo, ObjectsEntry, Place, TerrainEntry};
 use crate::forest::{CellId, Zone};
-use crate::store::{Existing, Manifest, SourceInfo, StoreError, World, WorldWriter};
+use crate::store::{Additions, Existing, Manifest, SourceInfo, StoreError, World, WorldWriter};
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -68,14 +68,16 @@ pub fn world(
         index_bytes: 0,
         pack_bytes: 0,
         views: recipe.views(),
+        additions: Additions::default(),
     };
     writer.finish(manifest, &trees)?;
     Ok(World::open(&options.out)?.manifest().clone())
 }
 
-type Range = (f64, f64);
+/// Lowest and highest, metres.
+pub(super) type Range = (f64, f64);
 
-fn union(a: Range, b: Range) -> Range {
+pub(super) fn union(a: Range, b: Range) -> Range {
     (a.0.min(b.0), a.1.max(b.1))
 }
 
@@ -106,11 +108,7 @@ fn pages_of(
     for (number, collection) in collections.iter().enumerate() {
         for page in collection.pages.iter().filter(|page| page.root.zone() == zone) {
             let place = writer.append(zone, &page.bytes)?;
-            add_objects(
-                &mut nodes,
-                page,
-                ObjectsEntry { collection: number as u8, rep: 0, place, dimension_m: page.dimension_m },
-            );
+            add_objects(&mut nodes, page, objects_entry(number as u8, page, place));
             let range = objects.entry(page.root).or_insert(page.height_range_m);
             *range = union(*range, page.height_range_m);
         }
@@ -119,7 +117,13 @@ fn pages_of(
     Ok(nodes)
 }
 
-fn add_objects(nodes: &mut BTreeMap<CellId, NodeInfo>, page: &ObjectsPage, entry: ObjectsEntry) {
+/// What the index is to know of a page that lies at a place.
+pub(super) fn objects_entry(collection: u8, page: &ObjectsPage, place: Place) -> ObjectsEntry {
+    ObjectsEntry { collection, rep: 0, place, dimension_m: page.dimension_m }
+}
+
+/// Tells a page's root of it, and all cells above of the size of its objects.
+pub(super) fn add_objects(nodes: &mut BTreeMap<CellId, NodeInfo>, page: &ObjectsPage, entry: ObjectsEntry) {
     for cell in page.root.ancestors() {
         let node = nodes.entry(cell).or_default();
         node.dimension_m = node.dimension_m.max(page.dimension_m);

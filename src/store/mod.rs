@@ -5,9 +5,11 @@
 //! index/ZZ.idx   the index tree of zone ZZ, 00 to 31
 //! packs/ZZ.pack  its pages
 //! ```
-//! All words are little-endian; every section and page carries magic, version and an xxh3 checksum.
+//! What `stoop-prepare --into` adds later lies beside them; see `additions.rs`. All words are little-endian; every section and page carries magic, version and an xxh3 checksum.
 
+mod additions;
 mod bytes;
+mod change;
 mod error;
 mod frame;
 mod imagery;
@@ -23,6 +25,8 @@ mod whole;
 mod world;
 mod writer;
 
+pub use additions::{Additions, PackFile, ZoneFiles};
+pub use change::{CollectionChange, WorldChange};
 pub use error::{EncodeError, PageFault, StoreError};
 pub use imagery::{JPEG_QUALITY, decode_imagery, encode_imagery};
 pub use manifest::{CollectionInfo, CostPoint, LayerInfo, Manifest, SourceInfo};

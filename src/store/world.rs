@@ -21,6 +21,9 @@ pub const MANIFEST_FILE: &str = "world.json";
 /// resolution of streets, or a few cities.
 pub const INDEX_RESIDENT_MAX_BYTES: u64 = 4 << 20;
 
+/// How often a world is opened anew that is changed meanwhile.
+const OPEN_ATTEMPTS: u32 = 4;
+
 /// A world: manifest and index in memory, pages where their source has them; of a large index no more than the top, the
 /// rest being pages too. Readable from any thread at once.
 pub struct World {
@@ -44,17 +47,33 @@ impl World {
 
     /// The same with another limit than [`INDEX_RESIDENT_MAX_BYTES`].
     pub fn open_paged(dir: &Path, resident_max_bytes: u64) -> Result<Self, StoreError> {
+        // Between the manifest and the files that it names a change may have come and gone; then the manifest is
+        // another one, and is followed.
+        let mut text = read_manifest(dir)?;
+        for _ in 1..OPEN_ATTEMPTS {
+            match Self::open_as_told(dir, &text, resident_max_bytes) {
+                Ok(world) => return Ok(world),
+                Err(error) => {
+                    let now = read_manifest(dir)?;
+                    if now == text {
+                        return Err(error);
+                    }
+                    text = now;
+                }
+            }
+        }
+        Self::open_as_told(dir, &text, resident_max_bytes)
+    }
+
+    /// `text`: the manifest's bytes.
+    fn open_as_told(dir: &Path, text: &[u8], resident_max_bytes: u64) -> Result<Self, StoreError> {
         let manifest_file = dir.join(MANIFEST_FILE);
-        let text = fs::read(&manifest_file).map_err(|error| match error.kind() {
-            io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => StoreError::NotAWorld(dir.to_owned()),
-            _ => StoreError::io(&manifest_file, error),
-        })?;
-        let manifest = Manifest::parse(&text, &manifest_file)?;
+        let manifest = Manifest::parse(text, &manifest_file)?;
         let zones = zones(&manifest).map_err(|zone| StoreError::Manifest {
             file: manifest_file.clone(),
             cause: format!("{zone} is no zone"),
         })?;
-        let source: Box<dyn PageSource> = Box::new(LocalPacks::new(dir));
+        let source: Box<dyn PageSource> = Box::new(LocalPacks::new(dir, &manifest.additions));
         let index = open_index(&*source, &zones, resident_max_bytes)?;
         Ok(Self { name: dir.to_owned(), manifest, index, source })
     }
@@ -152,12 +171,21 @@ impl World {
     }
 
     fn page_error(&self, page: PageId, place: Place, fault: PageFault) -> StoreError {
-        let file = self.source.pack_name(page.cell.zone());
+        let (file, offset) = self.source.file_of(page.cell.zone(), place);
         if let PageFault::FutureVersion(found) = fault {
             return StoreError::FutureVersion { file, found: u32::from(found), supported: u32::from(frame::VERSION) };
         }
-        StoreError::Page { file, page, offset: place.offset, fault }
+        StoreError::Page { file, page, offset, fault }
     }
+}
+
+/// The bytes of a world's manifest.
+fn read_manifest(dir: &Path) -> Result<Vec<u8>, StoreError> {
+    let file = dir.join(MANIFEST_FILE);
+    fs::read(&file).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => StoreError::NotAWorld(dir.to_owned()),
+        _ => StoreError::io(&file, error),
+    })
 }
 
 /// The zones that a manifest names; the first number that is none.

@@ -149,6 +149,7 @@ fn manifest() -> Manifest {
         index_bytes: 0,
         pack_bytes: 0,
         views: vec![],
+        additions: Default::default(),
     }
 }
 

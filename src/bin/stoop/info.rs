@@ -43,6 +43,11 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let (low_m, high_m) = manifest.height_range_m;
     cli::sayln!("heights {low_m:.1} to {high_m:.1} m, {} zones", manifest.zones.len());
     cli::sayln!("packs {}, index {}", ByteSize(manifest.pack_bytes), ByteSize(manifest.index_bytes));
+    let additions = &manifest.additions;
+    if !additions.is_none() {
+        let unused = ByteSize(additions.unused_bytes);
+        cli::sayln!("changed {} times since it was made, {unused} of the packs unused", additions.generation);
+    }
     for (name, layer, across) in [("terrain", &manifest.terrain, 64.0), ("imagery", &manifest.imagery, 256.0)] {
         match layer {
             Some(layer) => print_layer(name, layer, across),
