@@ -16,13 +16,26 @@ pub struct Source {
 
 impl Source {
     pub fn of(world: World) -> Self {
+        Self::shared(&Arc::new(world))
+    }
+
+    /// Worlds over one another; see [`World::stack`].
+    pub fn over(worlds: &[Arc<World>]) -> Result<Self, StoreError> {
+        match worlds {
+            [world] => Ok(Self::shared(world)),
+            worlds => Ok(Self::of(World::stack(worlds)?)),
+        }
+    }
+
+    /// The same over a world that others hold too.
+    pub fn shared(world: &Arc<World>) -> Self {
         let (manifest, index) = (Arc::new(world.manifest().clone()), world.index().clone());
-        Self { manifest, index, reader: Arc::new(WorldReader(world)) }
+        Self { manifest, index, reader: Arc::new(WorldReader(world.clone())) }
     }
 }
 
 /// Reads, verifies and decodes pages of a world.
-struct WorldReader(World);
+struct WorldReader(Arc<World>);
 
 impl PageReader for WorldReader {
     fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {

@@ -12,12 +12,16 @@ mod bytes;
 mod change;
 mod error;
 mod frame;
+mod ground;
 mod imagery;
 mod index;
 mod manifest;
 mod map;
+mod merge;
 mod objects;
 mod pack;
+mod seat;
+mod stack;
 mod terrain;
 mod verify;
 mod views;
@@ -28,6 +32,7 @@ mod writer;
 pub use additions::{Additions, PackFile, ZoneFiles};
 pub use change::{CollectionChange, WorldChange};
 pub use error::{EncodeError, PageFault, StoreError};
+pub use ground::{GroundPages, finest_terrain};
 pub use imagery::{JPEG_QUALITY, decode_imagery, encode_imagery};
 pub use manifest::{CollectionInfo, CostPoint, LayerInfo, Manifest, SourceInfo};
 pub use objects::{
@@ -35,6 +40,7 @@ pub use objects::{
     encode_objects,
 };
 pub use pack::PageSource;
+pub use stack::STACK_WORLDS_MAX;
 pub use terrain::{HEIGHT_STEP_MIN_M, decode_terrain, encode_terrain, height_step_m};
 pub use verify::{Problem, Verified};
 pub use views::{HOME_HEIGHT_M, NamedView, VIEW_HEIGHT_M, VIEW_NAME_MAX, bookmarks};

@@ -95,8 +95,9 @@ enum ObjectsArgument {
 #[derive(clap::Args)]
 #[command(after_help = DETAILS)]
 pub struct Arguments {
-    /// Folder of the world
-    world: PathBuf,
+    /// Folders of worlds; several lie over one another, the first one uppermost
+    #[arg(value_name = "WORLD", required = true)]
+    worlds: Vec<PathBuf>,
     /// The flight, JSON
     #[arg(long, value_name = "FILE")]
     path: PathBuf,
@@ -278,7 +279,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     arguments.check_combinations()?;
     let path = FlightPath::load(&arguments.path)?;
     let opened = Instant::now();
-    let source = cli::open(&arguments.world)?;
+    let source = cli::open(&arguments.worlds)?;
     if let Some(storage) = arguments.virtual_storage {
         return virtual_clock::fly(&arguments, path, source, storage);
     }

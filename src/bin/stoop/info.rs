@@ -19,8 +19,9 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Folder of the world
-    world: PathBuf,
+    /// Folders of worlds; several lie over one another, the first one uppermost
+    #[arg(value_name = "WORLD", required = true)]
+    worlds: Vec<PathBuf>,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -30,7 +31,10 @@ pub struct Arguments {
 const DEGREE_M: f64 = 111_195.0;
 
 pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let world = World::open(&arguments.world)?;
+    let world = match &arguments.worlds[..] {
+        [folder] => World::open(folder)?,
+        folders => cli::open_whole(folders)?,
+    };
     let manifest = world.manifest();
     if arguments.json {
         let mut value = serde_json::to_value(manifest).context("the manifest as JSON")?;

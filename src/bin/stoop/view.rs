@@ -1,6 +1,6 @@
 //! `stoop WORLD`: the viewer in a window.
 
-use crate::cli::{self, NotYet};
+use crate::cli;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
@@ -20,7 +20,8 @@ const DEFAULT_WORLDS: [&str; 2] = ["tiles/default/world", "share/stoop/default"]
 #[derive(clap::Args)]
 #[group(skip)]
 pub struct Arguments {
-    /// Folder of the world to open in a window; the default world when none is named
+    /// Folders of worlds to open in a window, over one another, the first one uppermost; the default world when none is
+    /// named
     #[arg(value_name = "WORLD")]
     worlds: Vec<PathBuf>,
     /// Size of the window, logical pixels [default: as it was last]
@@ -79,12 +80,9 @@ pub fn run(arguments: Arguments, started: Instant) -> anyhow::Result<ExitCode> {
     if let Some(folder) = arguments.report.as_deref().and_then(Path::parent).filter(|folder| *folder != Path::new("")) {
         cli::make_folder(folder)?;
     }
-    let folder = match &arguments.worlds[..] {
-        [] => default_world()?,
-        [folder] => folder.clone(),
-        _ => return Err(NotYet::new("more than one world in a window", "name one").into()),
-    };
-    let mut source = cli::open(&folder)?;
+    let folders = if arguments.worlds.is_empty() { vec![default_world()?] } else { arguments.worlds };
+    let worlds = cli::open_worlds(&folders)?;
+    let mut source = Source::over(&worlds)?;
     let bookmarks = bookmarks(&source.manifest, &source.index).iter().map(bookmark).collect();
     if let Some(stall) = arguments.stall_secs {
         source = stalled(source, stall);
