@@ -7,7 +7,7 @@ use super::front::Purpose;
 use super::layer::Rep;
 use super::region::{FrontRegion, SeenSegment, VisitRegion};
 use super::sight::Sight;
-use super::{DrawObjects, ObjectsMode, SelectParams, SelectStats};
+use super::{CollectionSet, DrawObjects, ObjectsMode, SelectParams, SelectStats};
 use crate::cells::LiveTree;
 use crate::content::{CellObjects, ObjectPage, PageKind};
 use crate::forest::index::{IndexForest, Node, ObjectsEntry, SegmentRef};
@@ -28,6 +28,7 @@ struct Walk<'a, 'b> {
     asked_px: f64,
     /// Threshold drawn, raised like the tolerance where memory or time lack.
     drawn_px: f64,
+    hidden: CollectionSet,
     purpose: Purpose,
     visit_region: &'b mut VisitRegion<'b>,
     stats: &'b mut SelectStats,
@@ -51,7 +52,8 @@ pub fn walk<'b>(
         // Worlds have no groups yet: each object stands for itself.
         ObjectsMode::Cells | ObjectsMode::Groups => (params.threshold_px, params.threshold_px * raised),
     };
-    let mut walk = Walk { cells, sight, asked_px, drawn_px, purpose, visit_region, stats, drawn: Vec::new() };
+    let hidden = params.hidden;
+    let mut walk = Walk { cells, sight, asked_px, drawn_px, hidden, purpose, visit_region, stats, drawn: Vec::new() };
     for tree in index.trees() {
         walk.visit(&tree.root());
     }
@@ -87,6 +89,9 @@ impl Walk<'_, '_> {
             self.segment(&place, segment, true);
         }
         for entry in node.objects().filter(|entry| entry.rep == 0) {
+            if self.hidden.contains(entry.collection) {
+                continue;
+            }
             self.page(&place, &entry);
         }
         for child in node.children() {

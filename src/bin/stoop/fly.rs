@@ -18,7 +18,7 @@ use stoop::camera::{FlightPath, View};
 use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode, Source};
 use stoop::paging::{PlannerParams, PolicyName, PolicyParams};
 use stoop::record::{FlightHeader, FlightLog};
-use stoop::select::ObjectsMode;
+use stoop::select::{CollectionSet, ObjectsMode};
 use stoop::storage::{Faults, StorageModel};
 use stoop::units::ByteSize;
 
@@ -253,6 +253,7 @@ impl Arguments {
                 ObjectsArgument::Cells => ObjectsMode::Cells,
                 ObjectsArgument::Groups => ObjectsMode::Groups,
             },
+            hidden: CollectionSet::NONE,
             footprint: self.footprint,
             frame_ms: self.frame_ms,
             mode: self.mode(),

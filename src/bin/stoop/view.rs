@@ -6,11 +6,10 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use stoop::camera::{FlightPath, Pose};
+use stoop::camera::FlightPath;
 use stoop::engine::{EngineParams, Source};
-use stoop::geodesy::Geodetic;
 use stoop::paging::{Gate, SlowReader, Stall};
-use stoop::store::{NamedView, bookmarks};
+use stoop::store::{World, bookmarks};
 use stoop::units::ByteSize;
 use stoop::window::{self, Bookmark, WindowOptions};
 
@@ -82,13 +81,19 @@ pub fn run(arguments: Arguments, started: Instant) -> anyhow::Result<ExitCode> {
     }
     let folders = if arguments.worlds.is_empty() { vec![default_world()?] } else { arguments.worlds };
     let worlds = cli::open_worlds(&folders)?;
-    let mut source = Source::over(&worlds)?;
-    let bookmarks = bookmarks(&source.manifest, &source.index).iter().map(bookmark).collect();
+    let whole = match &worlds[..] {
+        [world] => world.clone(),
+        worlds => Arc::new(World::stack(worlds)?),
+    };
+    let mut source = Source::shared(&whole);
+    let bookmarks = bookmarks(&source.manifest, &source.index).iter().map(Bookmark::of).collect();
     if let Some(stall) = arguments.stall_secs {
         source = stalled(source, stall);
     }
     window::run(WindowOptions {
         source,
+        worlds,
+        whole,
         bookmarks,
         size_px: arguments.size.map(|size| size.0),
         tolerance_px: arguments.tolerance_px,
@@ -117,12 +122,6 @@ fn default_world() -> anyhow::Result<PathBuf> {
             "the default world is not here: start stoop in a clone of its repository, or name a world: `stoop WORLD` \
              (stoop-prepare makes one from your files)",
         )
-}
-
-fn bookmark(view: &NamedView) -> Bookmark {
-    let eye = Geodetic::from_degrees(view.lat_deg, view.lon_deg, view.height_m);
-    let (heading_rad, pitch_rad) = (view.heading_deg.to_radians(), view.pitch_deg.to_radians());
-    Bookmark { name: view.name.clone(), pose: Pose { eye, heading_rad, pitch_rad } }
 }
 
 fn stalled(source: Source, stall: Stall) -> Source {

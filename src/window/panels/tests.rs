@@ -73,6 +73,9 @@ impl World {
             world: "default",
             credits: &self.credits,
             bookmarks: &self.bookmarks,
+            sets: &self.sets,
+            hidden: CollectionSet::NONE.with(1),
+            is_opening: false,
             messages: &self.messages,
             playback: Playback::Recording { at_s: 12.0 },
         }
