@@ -34,7 +34,8 @@ mod tests {
 
     #[test]
     fn a_set_holds_what_was_put_in_and_nothing_else() {
-        let set = [0, 63, 64, 200, 255].into_iter().fold(CollectionSet::NONE, CollectionSet::with).without(64).without(7);
+        let set =
+            [0, 63, 64, 200, 255].into_iter().fold(CollectionSet::NONE, CollectionSet::with).without(64).without(7);
         let held: Vec<u8> = (0..=255).filter(|&at| set.contains(at)).collect();
         assert_eq!(held, [0, 63, 200, 255]);
         assert_eq!(held.into_iter().fold(set, CollectionSet::without), CollectionSet::NONE);

@@ -1,8 +1,9 @@
 //! Objects of one world on the ground of another.
 //!
-//! A set was prepared on the finest terrain of its own world. Where worlds lie over one another and the finest terrain
-//! there is another world's, each building moves up or down by the difference of the two at the middle of its box; parts
-//! of one building move together. Walls go on down to the lowest new ground along the footprint.
+//! A set was prepared on the ground of its own world. Where worlds lie over one another and the finest terrain there is
+//! another world's, each building moves up or down to it; parts of one building move together. A building that stood on
+//! its ground, up to the error of that, stands on the new one; one whose base the source put elsewhere keeps its height
+//! over the ground. Walls go on down to the lowest new ground along the footprint.
 
 use super::error::StoreError;
 use super::ground::finest_terrain;
@@ -19,22 +20,38 @@ const WALL_MIN_M: f64 = 0.05;
 /// Where one object's ground is, in its own world and in the whole.
 struct Grounds {
     own_m: f64,
+    own_error_m: f64,
     whole_m: f64,
-    /// Of the whole's terrain.
-    error_m: f64,
+    whole_error_m: f64,
+}
+
+impl Grounds {
+    /// How far an object moves.
+    fn shift_m(&self, prism: &Prism) -> f64 {
+        let base_m = f64::from(prism.base_m);
+        let stands = prism.foundation_m > 0.0 && (base_m - self.own_m).abs() <= self.own_error_m + LEAST_M;
+        self.whole_m - if stands { base_m } else { self.own_m }
+    }
 }
 
 /// Sets the prisms of a page of the world numbered `world` on the ground of the whole; false where nothing moved.
 pub(super) fn reseat(stack: &Stack, world: usize, prisms: &mut [Prism]) -> Result<bool, StoreError> {
+    let known = prisms.iter().map(|prism| grounds(stack, world, prism)).collect::<Result<Vec<_>, _>>()?;
     let mut shifts: HashMap<u32, f64> = HashMap::new();
+    // Parts in the air go with those that stand.
+    for is_standing in [true, false] {
+        for (prism, grounds) in prisms.iter().zip(&known) {
+            if let Some(grounds) = grounds.as_ref().filter(|_| (prism.foundation_m > 0.0) == is_standing) {
+                shifts.entry(prism.id).or_insert_with(|| grounds.shift_m(prism));
+            }
+        }
+    }
     let mut moved = false;
-    for prism in prisms {
-        let middle = prism.footprint();
-        let Some(grounds) = grounds(stack, world, middle.lat_rad, middle.lon_rad)? else { continue };
-        let shift_m = *shifts.entry(prism.id).or_insert(grounds.whole_m - grounds.own_m);
+    for (prism, grounds) in prisms.iter_mut().zip(&known) {
+        let (Some(grounds), Some(&shift_m)) = (grounds, shifts.get(&prism.id)) else { continue };
         if shift_m.abs() >= LEAST_M {
             let lowest_m = lowest_m(stack, prism)?.unwrap_or(grounds.whole_m);
-            set(prism, shift_m, &grounds, lowest_m);
+            set(prism, shift_m, grounds, lowest_m);
             moved = true;
         }
     }
@@ -51,15 +68,20 @@ fn set(prism: &mut Prism, shift_m: f64, grounds: &Grounds, lowest_m: f64) {
     }
     let base_m = base_m.max(grounds.whole_m).min(top_m - WALL_MIN_M);
     prism.base_m = base_m as f32;
-    prism.foundation_m = ((base_m - lowest_m).max(0.0) + grounds.error_m) as f32;
+    prism.foundation_m = ((base_m - lowest_m).max(0.0) + grounds.whole_error_m) as f32;
 }
 
 /// `None` where the whole's ground is that of the object's own world, or one of them has none.
-fn grounds(stack: &Stack, world: usize, lat_rad: f64, lon_rad: f64) -> Result<Option<Grounds>, StoreError> {
-    let lon_rad = wrap(lon_rad);
-    let Some((whole, error_m)) = whole_m(stack, lat_rad, lon_rad, Some(world))? else { return Ok(None) };
-    let own_m = stack.grounds[world].height_m(&stack.worlds[world], lat_rad, lon_rad)?;
-    Ok(own_m.map(|own_m| Grounds { own_m, whole_m: whole, error_m }))
+fn grounds(stack: &Stack, world: usize, prism: &Prism) -> Result<Option<Grounds>, StoreError> {
+    let middle = prism.footprint();
+    let (lat_rad, lon_rad) = (middle.lat_rad, wrap(middle.lon_rad));
+    let Some((whole_m, whole_error_m)) = whole_m(stack, lat_rad, lon_rad, Some(world))? else { return Ok(None) };
+    let own = &stack.worlds[world];
+    let Some((cell, terrain)) = finest_terrain(own.index(), lat_rad, lon_rad) else { return Ok(None) };
+    let page = stack.grounds[world].page(own, cell, terrain)?;
+    let own_error_m = f64::from(terrain.error_m);
+    let own_m = page.surface_height_m(lat_rad, lon_rad, 1.0);
+    Ok(own_m.map(|own_m| Grounds { own_m, own_error_m, whole_m, whole_error_m }))
 }
 
 /// The ground of the whole and its error; `None` where there is none, or it is that of the world left out.

@@ -2,8 +2,8 @@
 
 use super::aim::Aim;
 use super::hands::{Hands, Taken};
-use super::overlays::{self, Drawn};
 use super::opener::{Opened, Opener};
+use super::overlays::{self, Drawn};
 use super::panels::{Action, FrameTimes, MessageKind, Messages, Panels, Place, Playback, Quality, SetRow, Shown};
 use super::recorder::{Recorder, Replay};
 use super::saver::Saver;

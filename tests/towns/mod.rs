@@ -104,4 +104,3 @@ pub fn make_of(folder: &Path, out: &Path, text: &str) -> Manifest {
     let options = BuildOptions { out: out.to_owned(), root: None, memory: ByteSize(64 << 20), replace: true };
     watched(&|| true, |control| build(&recipe(folder, text), &options, control)).unwrap()
 }
-

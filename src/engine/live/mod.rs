@@ -13,9 +13,9 @@ mod thread;
 use super::cost::{Load, TimeBudget};
 use super::footprint::{PAGES_IN_FLIGHT_MAX, Partition};
 use super::lift::LiftCopies;
+use super::reader::SwitchReader;
 use super::scene::{Scene, timed};
 use super::surroundings::{DrawnGround, PickCache};
-use super::reader::SwitchReader;
 use super::upload::UploadRate;
 use super::{EngineError, EngineParams, FrameReport, FrameTimings, Mode, Source};
 use crate::camera::{FlyTo, View};
@@ -130,8 +130,7 @@ impl Live {
         let (to_show, messages) = bounded(MESSAGES_MAX);
         let (wake, woken) = bounded(1);
         let remote = Remote::new(shared.clone(), to_render, from_render);
-        let order =
-            Order { view, t_s: 0.0, at: Instant::now(), params, source: source.clone(), time: None, way: None };
+        let order = Order { view, t_s: 0.0, at: Instant::now(), params, source: source.clone(), time: None, way: None };
         let mut scene_thread = SceneThread {
             scene,
             remote,

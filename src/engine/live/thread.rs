@@ -3,8 +3,8 @@
 use super::list::{DisplayList, Order};
 use super::remote::Remote;
 use super::{Notify, Shared};
-use crate::engine::{FrameTimings, Source};
 use crate::engine::scene::Scene;
+use crate::engine::{FrameTimings, Source};
 use crate::paging::{KnownWay, PageState};
 use crate::select::{Demand, Urgency};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
