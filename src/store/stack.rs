@@ -185,27 +185,16 @@ impl Stack {
     }
 
     pub fn decode(&self, id: PageId, place: Place, bytes: &[u8]) -> Result<Page, StoreError> {
-        let (world, at, own) = self.locate(id.cell.zone(), place)?;
-        let page = world.decode(self.own_id(at, id), own, bytes)?;
-        let (mut page, mesh, collection) = match (page, id.kind) {
-            (Page::Objects(page, mesh), PageKind::Objects { collection, .. }) => (page, mesh, collection),
-            (page, _) => return Ok(page),
-        };
-        if let Some(prisms) = self.reseated(id, place, bytes)? {
-            let (page, mesh) = ObjectPage::from_prisms(page.root, collection, page.rep, page.error_m, prisms.prisms);
-            return Ok(Page::Objects(Arc::new(page), Arc::new(mesh)));
+        if !matches!(id.kind, PageKind::Objects { .. }) {
+            let (world, at, own) = self.locate(id.cell.zone(), place)?;
+            return world.decode(self.own_id(at, id), own, bytes);
         }
-        Arc::make_mut(&mut page).collection = collection;
-        Ok(Page::Objects(page, mesh))
+        let PrismPage { root, collection, rep, error_m, prisms } = self.prisms(id, place, bytes)?;
+        let (page, mesh) = ObjectPage::from_prisms(root, collection, rep, error_m, prisms);
+        Ok(Page::Objects(Arc::new(page), Arc::new(mesh)))
     }
 
-    /// A page's prisms on the ground of the whole; `None` where they stand on it as they are.
-    fn reseated(&self, id: PageId, place: Place, bytes: &[u8]) -> Result<Option<PrismPage>, StoreError> {
-        let (world, at, own) = self.locate(id.cell.zone(), place)?;
-        let mut page = world.prisms(self.own_id(at, id), own, bytes)?;
-        Ok(seat::reseat(self, at, &mut page.prisms)?.then_some(page))
-    }
-
+    /// A page's prisms, numbered and set on the ground as in the whole.
     pub fn prisms(&self, id: PageId, place: Place, bytes: &[u8]) -> Result<PrismPage, StoreError> {
         let (world, at, own) = self.locate(id.cell.zone(), place)?;
         let mut page = world.prisms(self.own_id(at, id), own, bytes)?;
