@@ -30,7 +30,13 @@ const ROUNDING: f64 = 1e-9;
 const ANY: Budget = Budget { read_bytes: f64::INFINITY, held_bytes: u64::MAX };
 
 fn params(tolerance_px: f64) -> SelectParams {
-    SelectParams { tolerance_px, threshold_px: 1.0, objects: ObjectsMode::Groups, out_of_view: OutOfView::Left }
+    SelectParams {
+        tolerance_px,
+        threshold_px: 1.0,
+        objects: ObjectsMode::Groups,
+        hidden: stoop::select::CollectionSet::NONE,
+        out_of_view: OutOfView::Left,
+    }
 }
 
 fn shape(seed: u64, refined: f64) -> Shape {

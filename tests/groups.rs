@@ -163,7 +163,7 @@ proptest! {
     #[test]
     fn nothing_is_drawn_twice_and_nothing_left_out_that_is_there(
         kept in prop::collection::vec(any::<bool>(), all_pages().len()), height_m in 8_000.0..30_000.0f64,
-        raised in 1.0..12.0f64,
+        raised in 1.0..8.0f64,
     ) {
         let index = world();
         let pages: BTreeSet<PageId> =

@@ -21,8 +21,13 @@ use stoop::select::{
 };
 use stoop::store::World;
 
-const PARAMS: SelectParams =
-    SelectParams { tolerance_px: 1.0, threshold_px: 1.0, objects: ObjectsMode::Cells, out_of_view: OutOfView::Left };
+const PARAMS: SelectParams = SelectParams {
+    tolerance_px: 1.0,
+    threshold_px: 1.0,
+    objects: ObjectsMode::Cells,
+    hidden: stoop::select::CollectionSet::NONE,
+    out_of_view: OutOfView::Left,
+};
 const LAT_DEG: f64 = 33.755;
 const LON_DEG: f64 = -84.39;
 

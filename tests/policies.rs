@@ -28,8 +28,13 @@ const LIMITS: Limits = Limits {
     run_bytes: 0,
     gap_bytes: 0,
 };
-const SELECT: SelectParams =
-    SelectParams { tolerance_px: 1.0, threshold_px: 20.0, objects: ObjectsMode::Cells, out_of_view: OutOfView::Left };
+const SELECT: SelectParams = SelectParams {
+    tolerance_px: 1.0,
+    threshold_px: 20.0,
+    objects: ObjectsMode::Cells,
+    hidden: stoop::select::CollectionSet::NONE,
+    out_of_view: OutOfView::Left,
+};
 const STEP_S: f64 = 1.0 / 60.0;
 const PUBLISHED: [PolicyName; 2] = [PolicyName::Front, PolicyName::Range];
 

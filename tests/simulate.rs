@@ -31,8 +31,13 @@ const QUIET_S: f64 = 0.6;
 const MIB: u64 = 1 << 20;
 
 /// Those of [`Setup::new`].
-const PARAMS: SelectParams =
-    SelectParams { tolerance_px: 1.0, threshold_px: 1.0, objects: ObjectsMode::Groups, out_of_view: OutOfView::Left };
+const PARAMS: SelectParams = SelectParams {
+    tolerance_px: 1.0,
+    threshold_px: 1.0,
+    objects: ObjectsMode::Groups,
+    hidden: stoop::select::CollectionSet::NONE,
+    out_of_view: OutOfView::Left,
+};
 
 /// Terrain and pictures round a place, and pages of objects at it.
 fn world() -> IndexForest {

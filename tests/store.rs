@@ -134,6 +134,7 @@ fn manifest() -> Manifest {
         index_bytes: 0,
         pack_bytes: 0,
         views: vec![],
+        additions: Default::default(),
     }
 }
 
@@ -333,10 +334,10 @@ fn a_harmed_pack_is_told_page_by_page_and_the_rest_is_sound() {
 fn a_world_of_a_future_version_says_so() {
     let manifest = Harmed::new("world.json");
     let world = manifest.with(|bytes| {
-        *bytes = String::from_utf8_lossy(bytes).replace("\"version\": 1", "\"version\": 2").into_bytes();
+        *bytes = String::from_utf8_lossy(bytes).replace("\"version\": 1", "\"version\": 3").into_bytes();
     });
     let text = world.err().unwrap().to_string();
-    assert!(text.contains("version 2 is newer than this program") && text.contains("update stoop"), "{text}");
+    assert!(text.contains("version 3 is newer than this program") && text.contains("update stoop"), "{text}");
     let index = Harmed::new(&zone_file("index", "idx"));
     assert!(matches!(index.with(|bytes| bytes[4] = 2), Err(StoreError::FutureVersion { found: 2, .. })));
     let nothing = tempfile::tempdir().unwrap();

@@ -50,6 +50,7 @@ fn manifest(collections: Vec<CollectionInfo>, views: Vec<NamedView>) -> Manifest
         index_bytes: 0,
         pack_bytes: 0,
         views,
+        additions: Default::default(),
     }
 }
 

@@ -261,6 +261,38 @@ fn a_session_by_hand_ends_cleanly_and_keeps_what_was_made() {
     assert!((key("lat_deg") - 60.17).abs() < 5.0, "{view}");
 }
 
+/// A folder and what is in it.
+fn copy(from: &Path, to: &Path) {
+    fs::create_dir_all(to).unwrap();
+    for entry in fs::read_dir(from).unwrap().map(|entry| entry.unwrap()) {
+        let (path, to) = (entry.path(), to.join(entry.file_name()));
+        if path.is_dir() { copy(&path, &to) } else { assert!(fs::copy(&path, &to).is_ok()) }
+    }
+}
+
+/// The path of a world is typed, its set is listed and hidden; the name that the first world has already gets another.
+#[test]
+fn a_world_is_added_by_hand_and_its_set_is_hidden() {
+    let Some(display) = Display::open() else { return };
+    copy(&default_world(), &display.path("again"));
+    let (report, folder) = (display.path("report.json"), display.path("again"));
+    let world = default_world();
+    let arguments = [world.to_str().unwrap(), "--size", "640x360", "--report", report.to_str().unwrap()];
+    let mut program = display.stoop(&arguments).stderr(Stdio::piped()).spawn().unwrap();
+    display.hands("search --sync --onlyvisible --name Stoop windowfocus --sync");
+    display.hands("key b sleep 0.5 mousemove 510 66 click 1 sleep 0.3");
+    display.hands(&format!("type --delay 30 {}", folder.to_str().unwrap()));
+    display.hands("sleep 0.3 key Return sleep 3 mousemove 410 57 sleep 0.3 click 1 sleep 1 key ctrl+q");
+    display.wait("the end", || program.try_wait().unwrap().is_some());
+    let output = program.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", said(&output));
+    let report: serde_json::Value = serde_json::from_str(&fs::read_to_string(&report).unwrap()).unwrap();
+    assert_eq!(report["failed"], 0);
+    let settings = fs::read_to_string(display.path("config/stoop/settings.toml")).unwrap();
+    assert!(settings.contains(r#"hidden = ["helsinki (default)"]"#), "{settings}");
+    assert!(settings.contains(r#"side = "sets""#), "{settings}");
+}
+
 /// Mean of all channels.
 fn mean(file: &Path) -> f64 {
     let picture = image::open(file).unwrap().to_rgb8();

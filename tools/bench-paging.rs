@@ -73,7 +73,13 @@ struct Scene {
 }
 
 fn params(tolerance_px: f64) -> SelectParams {
-    SelectParams { tolerance_px, threshold_px: 1.0, objects: ObjectsMode::Groups, out_of_view: OutOfView::Left }
+    SelectParams {
+        tolerance_px,
+        threshold_px: 1.0,
+        objects: ObjectsMode::Groups,
+        hidden: stoop::select::CollectionSet::NONE,
+        out_of_view: OutOfView::Left,
+    }
 }
 
 fn forest(radius_cells: u32, nodes: u64) -> SyntheticForest {

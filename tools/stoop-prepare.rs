@@ -8,6 +8,7 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
+use stoop::prepare::into::{self, IntoOptions};
 use stoop::prepare::pipeline::{self, BuildError, BuildOptions, Control, StageDone};
 use stoop::prepare::{PrepareError, Progress, Recipe};
 use stoop::store::{LayerInfo, Manifest};
@@ -18,12 +19,19 @@ Examples:
   stoop-prepare tests/recipes/dive-city20k.toml --out dive.world
   stoop-prepare tiles/default/recipe.toml --out earth.world --root SOURCES --memory 2GiB --jobs 8
   stoop-prepare recipe.toml --out city.world --json | jq .
+  stoop-prepare buildings.toml --into earth.world
 
 Keys of a recipe (lengths in metres), besides name:
   all sections  file crs nodata credit licence
   [[elevation]] vertical layer feather_m clamp_m prune_error_m finest_error_m
   [[imagery]]   bounds_deg feather_m heights texel_m (of a painted .osm.pbf)
   [[buildings]] name height base vertical levels default_height min_height roof color id attributes
+
+With --into objects stand on the world's own finest terrain. New pages and indexes
+go into new files, and the manifest that names them is renamed into place last: a
+change that is broken off at any point leaves the world as it was. What a replaced
+set took of the packs stays on disk, unused, until the world is prepared anew
+(stoop info tells the bytes).
 
 A stopped build (Ctrl-C, a full disk) keeps its finished stages in DIR.partial;
 the same command goes on from there. Exit status: 0 done, 1 failed, 130 stopped.";
@@ -35,10 +43,11 @@ struct Args {
     /// What the world is made of (TOML)
     recipe: PathBuf,
     /// Folder of the world to be written
-    #[arg(long, value_name = "DIR")]
-    out: PathBuf,
-    /// Add to this world instead of making a new one (not supported yet)
-    #[arg(long, value_name = "WORLD")]
+    #[arg(long, value_name = "DIR", required_unless_present = "into")]
+    out: Option<PathBuf>,
+    /// Put the recipe's [[buildings]] into this world instead of making a new one: a set of a new name is added, one of
+    /// a known name is replaced; all else stays as it is, byte for byte
+    #[arg(long, value_name = "WORLD", conflicts_with_all = ["out", "replace"])]
     into: Option<PathBuf>,
     /// Folder that the recipe's paths are relative to [default: the recipe's own]
     #[arg(long, value_name = "DIR")]
@@ -77,9 +86,6 @@ fn main() -> std::process::ExitCode {
 }
 
 fn run(args: &Args) -> anyhow::Result<()> {
-    if args.into.is_some() {
-        anyhow::bail!("--into is not supported yet by this version; prepare all sources into one world with --out");
-    }
     if let Some(jobs) = args.jobs {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(usize::from(jobs));
         pool.build_global().context("the worker threads cannot be started; ask for fewer with --jobs")?;
@@ -95,8 +101,6 @@ fn run(args: &Args) -> anyhow::Result<()> {
     };
     ctrlc::set_handler(handler).context("Ctrl-C cannot be caught")?;
     let started = Instant::now();
-    let options =
-        BuildOptions { out: args.out.clone(), root: args.root.clone(), memory: args.memory, replace: args.replace };
     let shown = Shown::new(args.json);
     let control = Control {
         stop: &stop,
@@ -104,9 +108,21 @@ fn run(args: &Args) -> anyhow::Result<()> {
         on_done: &|done| shown.done(done),
         on_note: &|note| shown.note(note),
     };
-    let manifest = pipeline::build(&recipe, &options, &control)?;
+    let manifest = prepare(args, &recipe, &control)?;
     shown.finish(&manifest, started.elapsed());
     Ok(())
+}
+
+fn prepare(args: &Args, recipe: &Recipe, control: &Control) -> anyhow::Result<Manifest> {
+    let (root, memory) = (args.root.clone(), args.memory);
+    Ok(match (&args.into, &args.out) {
+        (Some(world), _) => into::build_into(recipe, &IntoOptions { world: world.clone(), root, memory }, control)?,
+        (None, Some(out)) => {
+            let options = BuildOptions { out: out.clone(), root, memory, replace: args.replace };
+            pipeline::build(recipe, &options, control)?
+        }
+        (None, None) => anyhow::bail!("name the world to be written with --out, or the one to be changed with --into"),
+    })
 }
 
 /// Progress bars, or JSON lines.
@@ -176,6 +192,9 @@ impl Shown {
         print_layer("imagery", manifest.imagery.as_ref());
         manifest.collections.iter().for_each(print_collection);
         println!("packs {}, indexes {}, {seconds:.1} s", ByteSize(manifest.pack_bytes), ByteSize(manifest.index_bytes));
+        if manifest.additions.unused_bytes > 0 {
+            println!("unused in the packs: {}", ByteSize(manifest.additions.unused_bytes));
+        }
     }
 }
 

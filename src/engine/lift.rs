@@ -92,6 +92,14 @@ impl Lifts {
         }
     }
 
+    /// There may be other ground below: all is worked out anew as it is drawn next.
+    pub(super) fn start_over(&mut self) {
+        for known in self.pages.values_mut() {
+            known.under.fill(Under::Nothing);
+            known.finest.fill(None);
+        }
+    }
+
     /// Sets the objects of a selection on its ground, and tells the sink what changed since the last call.
     pub(super) fn follow(&mut self, index: &IndexForest, selection: &Selection, sink: &mut dyn PageSink) {
         let ground = Ground::new(&selection.pieces);

@@ -3,7 +3,7 @@
 use crate::camera::View;
 use crate::paging::{ManagerError, PlannerParams, ServerError};
 use crate::render::RenderError;
-use crate::select::ObjectsMode;
+use crate::select::{CollectionSet, ObjectsMode};
 use crate::storage::{Faults, StorageModel};
 use crate::units::ByteSize;
 
@@ -35,6 +35,8 @@ pub struct EngineParams {
     /// Projected bounding dimension below which an object is neither drawn nor read, pixels.
     pub threshold_px: f64,
     pub objects: ObjectsMode,
+    /// Collections that are neither drawn nor read.
+    pub hidden: CollectionSet,
     /// Hard limit of all bytes held; see [`Partition`](super::Partition).
     pub footprint: ByteSize,
     /// Frame time to hold in live runs by drawing coarser, milliseconds.
@@ -59,6 +61,7 @@ impl Default for EngineParams {
             tolerance_px: 1.0,
             threshold_px: 1.0,
             objects: ObjectsMode::Groups,
+            hidden: CollectionSet::NONE,
             footprint: ByteSize(256 << 20),
             frame_ms: None,
             mode: Mode::LockStep,

@@ -4,7 +4,7 @@ use crate::content::{Page, PageId};
 use crate::forest::index::{IndexForest, Place};
 use crate::paging::{PageReader, ReadError};
 use crate::store::{Manifest, StoreError, World};
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A world as the engine sees it. The index is light to clone: its segments are shared.
 #[derive(Clone)]
@@ -16,17 +16,57 @@ pub struct Source {
 
 impl Source {
     pub fn of(world: World) -> Self {
+        Self::shared(&Arc::new(world))
+    }
+
+    /// Worlds over one another; see [`World::stack`].
+    pub fn over(worlds: &[Arc<World>]) -> Result<Self, StoreError> {
+        match worlds {
+            [world] => Ok(Self::shared(world)),
+            worlds => Ok(Self::of(World::stack(worlds)?)),
+        }
+    }
+
+    /// The same over a world that others hold too.
+    pub fn shared(world: &Arc<World>) -> Self {
         let (manifest, index) = (Arc::new(world.manifest().clone()), world.index().clone());
-        Self { manifest, index, reader: Arc::new(WorldReader(world)) }
+        Self { manifest, index, reader: Arc::new(WorldReader(world.clone())) }
     }
 }
 
 /// Reads, verifies and decodes pages of a world.
-struct WorldReader(World);
+struct WorldReader(Arc<World>);
 
 impl PageReader for WorldReader {
     fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
         self.0.load(page, place).map_err(|error| sort(&error))
+    }
+}
+
+/// Reads from a source that may be changed for another one while reads go on; each of them ends where it began.
+pub(super) struct SwitchReader {
+    inner: Mutex<Arc<dyn PageReader>>,
+}
+
+impl SwitchReader {
+    pub fn new(inner: Arc<dyn PageReader>) -> Self {
+        Self { inner: Mutex::new(inner) }
+    }
+
+    pub fn set(&self, inner: Arc<dyn PageReader>) {
+        *self.lock() = inner;
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Arc<dyn PageReader>> {
+        // It is held for a copy only, which cannot fail halfway.
+        self.inner.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl PageReader for SwitchReader {
+    fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
+        let inner = self.lock().clone();
+        inner.load(page, place)
     }
 }
 

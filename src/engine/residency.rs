@@ -422,6 +422,12 @@ impl Residency {
         self.server.in_flight() > 0 || !self.uploading.is_empty()
     }
 
+    /// Takes another index, whole in memory, that holds all that the one before does.
+    pub fn set_index(&mut self, index: IndexForest) {
+        self.index = index;
+        self.lifts.start_over();
+    }
+
     /// Divides another footprint from the next update on.
     pub fn set_partition(&mut self, partition: Partition) {
         self.partition = partition;

@@ -209,6 +209,7 @@ impl Scene {
             tolerance_px: self.params.tolerance_px,
             threshold_px: self.params.threshold_px,
             objects: self.params.objects,
+            hidden: self.params.hidden,
             out_of_view: self.out_of_view,
         }
     }
@@ -253,6 +254,18 @@ impl Scene {
             self.planner = Planner::new(&params.planner);
         }
         self.params = EngineParams { mode: self.params.mode, ..params };
+        Ok(())
+    }
+
+    /// Goes on over another source, which holds all that the one before does: what is resident stays. A footprint that
+    /// cannot hold its index leaves all as it was.
+    pub fn set_source(&mut self, source: Source) -> Result<(), EngineError> {
+        let partition = Partition::new(self.params.footprint, self.params.mode, &source.index)?;
+        self.residency.set_partition(partition);
+        self.residency.set_index(source.index.clone());
+        // What was planned and surveyed was so over the old index.
+        self.planner = Planner::new(&self.params.planner);
+        self.source = source;
         Ok(())
     }
 

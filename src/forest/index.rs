@@ -13,6 +13,7 @@ pub mod synthetic;
 mod tree;
 
 pub use super::record::{NodeInfo, NodeRecord, ObjectsBelow, ObjectsEntry, ObjectsRecord, Place, TerrainEntry};
+pub use build::mark_alone;
 pub use directory::{Directory, SegmentEntry, SegmentRef};
 pub use forest::IndexForest;
 pub use node::{Node, NodeRef};

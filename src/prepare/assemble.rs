@@ -6,10 +6,10 @@ use super::collections::Collection;
 use super::pipeline::{BuildError, BuildOptions, Control, for_each_cell};
 use super::stage::Stages;
 use super::task::Task;
-use crate::forest::index::{IndexTree, NodeInfo, ObjectsBelow, ObjectsEntry, Place, TerrainEntry};
+use crate::forest::index::{IndexTree, NodeInfo, ObjectsBelow, ObjectsEntry, Place, TerrainEntry, mark_alone};
 use crate::forest::{CellId, Zone};
-use crate::store::{Existing, Manifest, SourceInfo, StoreError, World, WorldWriter};
-use std::collections::{BTreeMap, BTreeSet};
+use crate::store::{Additions, Existing, Manifest, SourceInfo, StoreError, World, WorldWriter};
+use std::collections::BTreeMap;
 use std::path::Path;
 
 /// Refuses a place where no world can be written, before any work is done.
@@ -68,14 +68,16 @@ pub fn world(
         index_bytes: 0,
         pack_bytes: 0,
         views: recipe.views(),
+        additions: Additions::default(),
     };
     writer.finish(manifest, &trees)?;
     Ok(World::open(&options.out)?.manifest().clone())
 }
 
-type Range = (f64, f64);
+/// Lowest and highest, metres.
+pub(super) type Range = (f64, f64);
 
-fn union(a: Range, b: Range) -> Range {
+pub(super) fn union(a: Range, b: Range) -> Range {
     (a.0.min(b.0), a.1.max(b.1))
 }
 
@@ -116,7 +118,8 @@ fn pages_of(
     Ok(nodes)
 }
 
-fn add_objects(nodes: &mut BTreeMap<CellId, NodeInfo>, page: &ObjectsPage, collection: u8, place: Place) {
+/// Tells a page's root of it, and, of the finest rep, all cells above of the size of its objects.
+pub(super) fn add_objects(nodes: &mut BTreeMap<CellId, NodeInfo>, page: &ObjectsPage, collection: u8, place: Place) {
     let ObjectsPage { rep, error_m, dimension_m, .. } = *page;
     if rep == 0 {
         for cell in page.root.ancestors() {
@@ -130,21 +133,6 @@ fn add_objects(nodes: &mut BTreeMap<CellId, NodeInfo>, page: &ObjectsPage, colle
     node.objects.push(ObjectsEntry { collection, rep, place, dimension_m, error_m });
     if let Some(dimension_m) = page.below_dimension_m {
         node.below.push(ObjectsBelow { collection, dimension_m, alone: false });
-    }
-}
-
-/// Tells of the roots of pages below which there is one collection alone.
-fn mark_alone(nodes: &mut BTreeMap<CellId, NodeInfo>) {
-    let mut below: BTreeMap<CellId, BTreeSet<u8>> = BTreeMap::new();
-    for (cell, info) in nodes.iter() {
-        let collections: BTreeSet<u8> = info.objects.iter().map(|entry| entry.collection).collect();
-        for above in cell.ancestors().filter(|_| !collections.is_empty()) {
-            below.entry(above).or_default().extend(&collections);
-        }
-    }
-    for (cell, info) in nodes.iter_mut() {
-        let alone = below.get(cell).is_some_and(|collections| collections.len() == 1);
-        info.below.iter_mut().for_each(|below| below.alone = alone);
     }
 }
 

@@ -4,7 +4,7 @@ use super::buildings::{Ground, ObjectsPage, PreparedCollection, prepare_collecti
 use super::pipeline::BuildError;
 use super::recipe::BuildingsSection;
 use super::stage::{StageReader, Stages};
-use super::{Elevation, OnProgress, Recipe};
+use super::{OnProgress, Recipe};
 use crate::forest::{CellId, LEVEL_MAX};
 use crate::geodesy::VerticalDatum;
 use crate::store::{CollectionInfo, SourceInfo};
@@ -46,22 +46,17 @@ struct Head {
     source: SourceInfo,
 }
 
-/// Prepares the collection of a section and keeps it.
+/// Prepares the collection of a section. `vertical`: what its bases count from where it does not say.
 pub fn prepare(
-    recipe: &Recipe,
     section: &BuildingsSection,
     number: u8,
     root: &Path,
-    elevation: &Elevation,
-    errors: &TerrainErrors,
+    vertical: VerticalDatum,
+    ground: &Ground,
     on_progress: OnProgress<'_>,
 ) -> Result<Collection, BuildError> {
-    let ground = Ground {
-        height_m: &|lat_rad, lon_rad| elevation.height_m(lat_rad, lon_rad),
-        error_m: &|lat_rad, lon_rad| errors.finest_m(lat_rad, lon_rad),
-    };
     let PreparedCollection { info, source, pages, .. } =
-        prepare_collection(section, root, vertical_of(recipe), &ground, number, on_progress)?;
+        prepare_collection(section, root, vertical, ground, number, on_progress)?;
     Ok(Collection { info, source, pages })
 }
 

@@ -11,8 +11,10 @@ pub mod elevation;
 pub mod error;
 pub mod expression;
 mod geotiff_write;
+mod graft;
 pub mod imagery;
 pub mod imagery_source;
+pub mod into;
 pub mod paint;
 pub mod pipeline;
 pub mod placement;
@@ -26,6 +28,7 @@ pub mod task;
 pub mod terrain;
 pub mod vector;
 mod view_section;
+mod world_ground;
 pub mod zone;
 
 pub use elevation::Elevation;

@@ -2,6 +2,7 @@
 //! files. What a stage made is kept until the world is whole, so that a stopped build goes on where it stopped.
 
 use super::assemble;
+use super::buildings::Ground;
 use super::collections::{self, Collection, TerrainErrors};
 use super::imagery;
 use super::stage::{StageError, StageReader, Stages};
@@ -124,16 +125,24 @@ pub fn build(recipe: &Recipe, options: &BuildOptions, control: &Control) -> Resu
     Ok(manifest)
 }
 
-fn too_many_collections(recipe: &Recipe) -> PrepareError {
+pub(super) fn too_many_collections(recipe: &Recipe) -> PrepareError {
     let what = format!("{} building sets are too many", recipe.buildings.len());
     PrepareError::value(recipe.path.display(), "[[buildings]]", what, "a world holds at most 255; join some")
 }
 
-fn half(memory: ByteSize) -> ByteSize {
+pub(super) fn half(memory: ByteSize) -> ByteSize {
     ByteSize(memory.0 / 2)
 }
 
-fn done(control: &Control, stage: &'static str, item: &str, count: u64, bytes: u64, since: Instant, resumed: bool) {
+pub(super) fn done(
+    control: &Control,
+    stage: &'static str,
+    item: &str,
+    count: u64,
+    bytes: u64,
+    since: Instant,
+    resumed: bool,
+) {
     let seconds = since.elapsed().as_secs_f64();
     (control.on_done)(&StageDone { stage, item: item.to_owned(), count, bytes, seconds, resumed });
 }
@@ -221,8 +230,12 @@ impl Inputs<'_> {
             return Ok(collection);
         }
         self.task("objects", &section.name, 0).step()?;
-        let collection =
-            collections::prepare(recipe, section, number, root, self.elevation, errors, self.control.on_progress)?;
+        let ground = Ground {
+            height_m: &|lat_rad, lon_rad| self.elevation.height_m(lat_rad, lon_rad),
+            error_m: &|lat_rad, lon_rad| errors.finest_m(lat_rad, lon_rad),
+        };
+        let vertical = collections::vertical_of(recipe);
+        let collection = collections::prepare(section, number, root, vertical, &ground, self.control.on_progress)?;
         self.heights_were_read()?;
         collections::keep(&collection, number.into(), self.stages)?;
         report(&collection, false);

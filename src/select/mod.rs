@@ -1,5 +1,6 @@
 //! Which reps should be drawn, which can be, and which pages to ask for. Pure: reads no clock, file, thread or GPU.
 
+mod collections;
 mod demands;
 mod front;
 mod ground;
@@ -23,6 +24,7 @@ use sight::{Sight, Tolerance};
 use std::ops::Range;
 use std::sync::Arc;
 
+pub use collections::CollectionSet;
 pub use demands::{SHARE_MIN, service_order};
 pub use front::STAND_IN_LEVELS;
 pub use layer::{Rep, ground_page};
@@ -58,6 +60,8 @@ pub struct SelectParams {
     /// Projected bounding dimension below which an object is neither drawn nor paged, pixels.
     pub threshold_px: f64,
     pub objects: ObjectsMode,
+    /// Collections that are neither drawn nor paged.
+    pub hidden: CollectionSet,
     pub out_of_view: OutOfView,
 }
 

@@ -16,7 +16,7 @@ mod parts;
 use super::front::Purpose;
 use super::region::{SeenSegment, VisitRegion};
 use super::sight::Sight;
-use super::{DrawObjects, ObjectsMode, SelectParams, SelectStats};
+use super::{CollectionSet, DrawObjects, ObjectsMode, SelectParams, SelectStats};
 use crate::cells::LiveTree;
 use crate::forest::index::{IndexForest, Node, ObjectsEntry, SegmentRef};
 use crate::geodesy::{GeoBounds, OrientedBox};
@@ -36,6 +36,7 @@ struct Thresholds {
     drawn_px: f64,
     /// Whether groups stand for objects.
     groups: bool,
+    hidden: CollectionSet,
 }
 
 impl Thresholds {
@@ -47,7 +48,7 @@ impl Thresholds {
             ObjectsMode::Flat => (0.0, params.threshold_px * (raised - 1.0)),
             ObjectsMode::Cells | ObjectsMode::Groups => (params.threshold_px, params.threshold_px * raised),
         };
-        Some(Self { asked_px, drawn_px, groups: params.objects == ObjectsMode::Groups })
+        Some(Self { asked_px, drawn_px, groups: params.objects == ObjectsMode::Groups, hidden: params.hidden })
     }
 }
 
@@ -131,7 +132,9 @@ impl Walk<'_, '_> {
     /// whether there is nothing to be seen below.
     fn enter(&mut self, place: &Place<'_, '_>, px_per_m: f64) -> (Vec<u8>, bool) {
         // Without groups each object is drawn as it is.
-        let is_wanted = |entry: &ObjectsEntry| self.thresholds.groups || entry.rep == 0;
+        let is_wanted = |entry: &ObjectsEntry| {
+            (self.thresholds.groups || entry.rep == 0) && !self.thresholds.hidden.contains(entry.collection)
+        };
         let mut entries: Vec<ObjectsEntry> = place.node.objects().filter(is_wanted).collect();
         if entries.is_empty() {
             return (Vec::new(), false);

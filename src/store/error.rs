@@ -59,6 +59,10 @@ pub enum StoreError {
     DiskFull(PathBuf),
     #[error("{}: there is a world already; name another directory, or ask to replace it", .0.display())]
     Exists(PathBuf),
+    #[error("{}: another program is changing this world; wait until it is done", .0.display())]
+    Busy(PathBuf),
+    #[error("{}: cannot lie over another world: {cause}; open it alone, or prepare one world of both", .world.display())]
+    Stack { world: PathBuf, cause: String },
     #[error("{}: is not empty and not a world; name a new or an empty directory", .0.display())]
     Occupied(PathBuf),
     #[error("{}: a page at byte {offset} of {len} bytes is beyond what a pack can hold", .file.display())]

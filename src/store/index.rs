@@ -22,7 +22,7 @@ use xxhash_rust::xxh3::{Xxh3, xxh3_64};
 
 const MAGIC: [u8; 4] = *b"STIX";
 const VERSION: u32 = 1;
-const HEADER_BYTES: usize = 32;
+pub(super) const HEADER_BYTES: usize = 32;
 const ENTRY_BYTES: usize = 32;
 const ALIGNMENT: usize = 8;
 
@@ -91,6 +91,12 @@ pub(super) fn write(tree: &IndexTree) -> Vec<u8> {
     file.bytes(&table.0);
     file.bytes(&body);
     file.0
+}
+
+/// The checksum in the head of a file, which covers its table and so all of it; hexadecimal.
+pub(super) fn checksum(file: &[u8]) -> Option<String> {
+    let sum = file.get(HEADER_BYTES - 8..HEADER_BYTES)?;
+    Some(format!("{:016x}", u64::from_le_bytes(sum.try_into().ok()?)))
 }
 
 /// How much of an index is brought into memory when it is opened.

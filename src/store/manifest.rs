@@ -1,6 +1,6 @@
 //! `world.json`: its first line carries what the file is and the xxh3 of all that follows.
 
-use super::{NamedView, StoreError};
+use super::{Additions, NamedView, StoreError};
 use serde::{Deserialize, Serialize};
 use std::path::Path;
 use xxhash_rust::xxh3::xxh3_64;
@@ -8,7 +8,7 @@ use xxhash_rust::xxh3::xxh3_64;
 /// A world's description; unknown keys are kept out, missing ones refused.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Manifest {
-    /// Of the format; 1.
+    /// Of the format: [`Manifest::VERSION`], or [`Manifest::CHANGED_VERSION`] once something was added.
     pub version: u32,
     pub name: String,
     /// Always "WGS84 ellipsoidal".
@@ -28,6 +28,9 @@ pub struct Manifest {
     /// Bookmarks of the recipe; see [`super::bookmarks`] for what a viewer offers.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub views: Vec<NamedView>,
+    /// What was added or replaced since the world was made.
+    #[serde(default, skip_serializing_if = "Additions::is_none")]
+    pub additions: Additions,
 }
 
 const FIRST_LINE: [&str; 2] = ["{ \"format\": \"stoop world\", \"checksum\": \"", "\",\n"];
@@ -35,6 +38,8 @@ const CHECKSUM_DIGITS: usize = 16;
 
 impl Manifest {
     pub const VERSION: u32 = 1;
+    /// Of worlds with additions: a program that does not know of them would read the old index with the new manifest.
+    pub const CHANGED_VERSION: u32 = 2;
     pub const DATUM: &str = "WGS84 ellipsoidal";
 
     /// The file's bytes.
@@ -68,14 +73,15 @@ impl Manifest {
         let version =
             value.get("version").and_then(serde_json::Value::as_u64).ok_or_else(|| fail("it has no version"))?;
         // The checksum's place may move in another version.
-        if version > u64::from(Self::VERSION) {
+        if version > u64::from(Self::CHANGED_VERSION) {
             let found = u32::try_from(version).unwrap_or(u32::MAX);
-            return Err(StoreError::FutureVersion { file: file.to_owned(), found, supported: Self::VERSION });
+            return Err(StoreError::FutureVersion { file: file.to_owned(), found, supported: Self::CHANGED_VERSION });
         }
         if !is_whole(bytes) {
             return Err(fail("its checksum is wrong: it was changed after it was written"));
         }
         let manifest: Self = serde_json::from_value(value).map_err(broken)?;
+        manifest.additions.check().map_err(|cause| fail(&cause))?;
         match manifest.views.iter().find_map(|view| Some((&view.name, view.check().err()?))) {
             Some((name, cause)) => Err(fail(&format!("the view {name:?} makes no sense: {cause}"))),
             None => Ok(manifest),

@@ -12,8 +12,8 @@ use std::sync::Arc;
 pub(super) fn map(path: &Path) -> Result<SharedBytes, StoreError> {
     let io = |error| StoreError::io(path, error);
     let file = File::open(path).map_err(io)?;
-    // SAFETY: worlds are never changed in place: the writer makes a new directory and renames it, so that the mapped
-    // file keeps its bytes, under another name or none. What is read is checked and is plain old data.
+    // SAFETY: worlds are never changed in place: the writer makes a new directory and renames it, a change makes new files
+    // beside the old ones, so that the mapped file keeps its bytes, under another name or none. What is read is checked and is plain old data.
     let map: Mmap = unsafe { Mmap::map(&file) }.map_err(io)?;
     Ok(Arc::new(map))
 }

@@ -5,17 +5,23 @@
 //! index/ZZ.idx   the index tree of zone ZZ, 00 to 31
 //! packs/ZZ.pack  its pages
 //! ```
-//! All words are little-endian; every section and page carries magic, version and an xxh3 checksum.
+//! What `stoop-prepare --into` adds later lies beside them; see `additions.rs`. All words are little-endian; every section and page carries magic, version and an xxh3 checksum.
 
+mod additions;
 mod bytes;
+mod change;
 mod error;
 mod frame;
+mod ground;
 mod imagery;
 mod index;
 mod manifest;
 mod map;
+mod merge;
 mod objects;
 mod pack;
+mod seat;
+mod stack;
 mod terrain;
 mod verify;
 mod views;
@@ -23,7 +29,10 @@ mod whole;
 mod world;
 mod writer;
 
+pub use additions::{Additions, PackFile, ZoneFiles};
+pub use change::{CollectionChange, WorldChange};
 pub use error::{EncodeError, PageFault, StoreError};
+pub use ground::{GroundPages, finest_terrain};
 pub use imagery::{JPEG_QUALITY, decode_imagery, encode_imagery};
 pub use manifest::{CollectionInfo, CostPoint, LayerInfo, Manifest, RepInfo, SourceInfo};
 pub use objects::{
@@ -31,6 +40,7 @@ pub use objects::{
     decode_prisms, encode_objects,
 };
 pub use pack::PageSource;
+pub use stack::STACK_WORLDS_MAX;
 pub use terrain::{HEIGHT_STEP_MIN_M, decode_terrain, encode_terrain, height_step_m};
 pub use verify::{Problem, Verified};
 pub use views::{HOME_HEIGHT_M, NamedView, VIEW_HEIGHT_M, VIEW_NAME_MAX, bookmarks};

@@ -1,8 +1,9 @@
 //! Pack files: a header of 32 bytes (magic `STPK`, version, zone, zeros, xxh3 of bytes 0–23), then pages end to end.
 
+use super::additions::{Additions, index_path, pack_path};
 use super::bytes::{Reader, Writer};
 use super::error::{PageFault, StoreError};
-use super::map;
+use super::{index, map};
 use crate::forest::Zone;
 use crate::forest::index::{Place, SharedBytes, aligned};
 use std::fs::{self, File};
@@ -53,6 +54,11 @@ pub trait PageSource: Send + Sync {
     /// The name of a zone's pack, for messages.
     fn pack_name(&self, zone: Zone) -> PathBuf;
 
+    /// The file that a place lies in and its offset there, for messages.
+    fn file_of(&self, zone: Zone, place: Place) -> (PathBuf, u64) {
+        (self.pack_name(zone), place.offset)
+    }
+
     /// The bytes of a place in a zone's index file, no fewer and no more.
     fn read_index(&self, zone: Zone, place: Place) -> Result<Vec<u8>, StoreError>;
 
@@ -66,37 +72,110 @@ pub trait PageSource: Send + Sync {
     fn index_name(&self, zone: Zone) -> PathBuf;
 }
 
-pub(super) fn pack_path(dir: &Path, zone: Zone) -> PathBuf {
-    dir.join("packs").join(format!("{:02}.pack", zone.index()))
-}
-
-pub(super) fn index_path(dir: &Path, zone: Zone) -> PathBuf {
-    dir.join("index").join(format!("{:02}.idx", zone.index()))
-}
-
 /// The files of a directory; each is opened as its first page is read.
 pub(super) struct LocalPacks {
     dir: PathBuf,
-    packs: [OnceLock<File>; Zone::COUNT],
-    indexes: [OnceLock<File>; Zone::COUNT],
+    packs: [Vec<LocalPack>; Zone::COUNT],
+    indexes: [LocalIndex; Zone::COUNT],
+}
+
+/// One of the packs of a zone.
+struct LocalPack {
+    path: PathBuf,
+    /// Where its bytes begin in the zone's row of them.
+    start: u64,
+    /// As the manifest tells; `None` for the one pack of a zone that was never changed, which is as long as its file.
+    len: Option<u64>,
+    file: OnceLock<File>,
+}
+
+struct LocalIndex {
+    path: PathBuf,
+    /// That its head must hold, where the manifest tells.
+    checksum: Option<String>,
+    file: OnceLock<File>,
 }
 
 impl LocalPacks {
-    pub fn new(dir: &Path) -> Self {
-        Self { dir: dir.to_owned(), packs: Default::default(), indexes: Default::default() }
+    pub fn new(dir: &Path, additions: &Additions) -> Self {
+        let zones: Vec<Zone> = Zone::all().collect();
+        let packs = std::array::from_fn(|at| LocalPack::all(dir, zones[at], additions));
+        let indexes = std::array::from_fn(|at| LocalIndex::new(dir, zones[at], additions));
+        Self { dir: dir.to_owned(), packs, indexes }
     }
 
-    fn pack(&self, zone: Zone) -> Result<&File, StoreError> {
-        opened(&self.packs[zone.index()], &self.pack_name(zone), |path, file| {
+    /// What it begins with is checked by who reads its table.
+    fn index(&self, zone: Zone) -> Result<&File, StoreError> {
+        let index = &self.indexes[zone.index()];
+        opened(&index.file, &index.path, |path, file| {
+            if index.checksum.is_none() {
+                return Ok(());
+            }
+            let mut head = [0; index::HEADER_BYTES];
+            read_at(file, 0, &mut head).map_err(|error| index_cut_short(path, error))?;
+            index.check(&head)
+        })
+    }
+
+    fn part(&self, zone: Zone, offset: u64) -> Option<(usize, &LocalPack)> {
+        let packs = &self.packs[zone.index()];
+        let at = packs.partition_point(|pack| pack.start <= offset).checked_sub(1)?;
+        Some((at, &packs[at]))
+    }
+}
+
+impl LocalPack {
+    fn all(dir: &Path, zone: Zone, additions: &Additions) -> Vec<Self> {
+        let pack =
+            |generation, start, len| Self { path: pack_path(dir, zone, generation), start, len, file: OnceLock::new() };
+        match additions.of(zone) {
+            None => vec![pack(0, 0, None)],
+            Some(files) => {
+                let packs = files.packs.iter().zip(files.starts());
+                packs.map(|(part, start)| pack(part.generation, start, Some(part.bytes))).collect()
+            }
+        }
+    }
+
+    fn open(&self, zone: Zone) -> Result<&File, StoreError> {
+        opened(&self.file, &self.path, |path, file| {
             let mut head = [0; HEADER_BYTES];
             read_at(file, 0, &mut head).map_err(|error| cut_short(path, error))?;
             check_header(zone, path, &head)
         })
     }
 
-    /// What it begins with is checked by who reads its table.
-    fn index(&self, zone: Zone) -> Result<&File, StoreError> {
-        opened(&self.indexes[zone.index()], &self.index_name(zone), |_, _| Ok(()))
+    fn byte_len(&self, zone: Zone) -> Result<u64, StoreError> {
+        let len = self.open(zone)?.metadata().map_err(|error| StoreError::io(&self.path, error))?.len();
+        match self.len {
+            Some(told) if len != told => {
+                let cause = format!("it has {len} bytes, the manifest tells {told}");
+                Err(StoreError::Pack { file: self.path.clone(), cause })
+            }
+            _ => Ok(len),
+        }
+    }
+}
+
+impl LocalIndex {
+    fn new(dir: &Path, zone: Zone, additions: &Additions) -> Self {
+        let files = additions.of(zone);
+        Self {
+            path: index_path(dir, zone, files.map_or(0, |files| files.index)),
+            checksum: files.map(|files| files.index_checksum.clone()),
+            file: OnceLock::new(),
+        }
+    }
+
+    /// An index that belongs to another manifest would tell places that hold other pages.
+    fn check(&self, file: &[u8]) -> Result<(), StoreError> {
+        match &self.checksum {
+            Some(told) if index::checksum(file).as_ref() != Some(told) => {
+                let cause = "it is not the index that the manifest names".to_owned();
+                Err(StoreError::Index { file: self.path.clone(), cause })
+            }
+            _ => Ok(()),
+        }
     }
 }
 
@@ -149,19 +228,37 @@ fn read_at(file: &File, mut offset: u64, mut bytes: &mut [u8]) -> io::Result<()>
 
 impl PageSource for LocalPacks {
     fn read(&self, zone: Zone, place: Place) -> Result<Vec<u8>, StoreError> {
-        let file = self.pack(zone)?;
         let mut bytes = vec![0; place.len as usize];
-        read_at(file, place.offset, &mut bytes).map_err(|error| cut_short(&self.pack_name(zone), error))?;
+        let (mut done, mut offset) = (0, place.offset);
+        while done < bytes.len() {
+            let Some((at, pack)) = self.part(zone, offset) else {
+                return Err(cut_short(&self.pack_name(zone), io::ErrorKind::UnexpectedEof.into()));
+            };
+            let own = offset - pack.start;
+            // A range that was joined from several pages may go on in the next pack.
+            let next = self.packs[zone.index()].get(at + 1).map_or(u64::MAX, |next| next.start);
+            let end = bytes.len().min(done.saturating_add(usize::try_from(next - offset).unwrap_or(usize::MAX)));
+            read_at(pack.open(zone)?, own, &mut bytes[done..end]).map_err(|error| cut_short(&pack.path, error))?;
+            offset += (end - done) as u64;
+            done = end;
+        }
         Ok(bytes)
     }
 
     fn pack_len(&self, zone: Zone) -> Result<u64, StoreError> {
-        let name = self.pack_name(zone);
-        Ok(self.pack(zone)?.metadata().map_err(|error| StoreError::io(&name, error))?.len())
+        self.packs[zone.index()].iter().map(|pack| pack.byte_len(zone)).sum()
     }
 
     fn pack_name(&self, zone: Zone) -> PathBuf {
-        pack_path(&self.dir, zone)
+        pack_path(&self.dir, zone, 0)
+    }
+
+    fn file_of(&self, zone: Zone, place: Place) -> (PathBuf, u64) {
+        let found = self.part(zone, place.offset);
+        found.map_or_else(
+            || (self.pack_name(zone), place.offset),
+            |(_, pack)| (pack.path.clone(), place.offset - pack.start),
+        )
     }
 
     fn read_index(&self, zone: Zone, place: Place) -> Result<Vec<u8>, StoreError> {
@@ -172,7 +269,9 @@ impl PageSource for LocalPacks {
     }
 
     fn whole_index(&self, zone: Zone) -> Result<SharedBytes, StoreError> {
-        map::map(&self.index_name(zone))
+        let bytes = map::map(&self.index_name(zone))?;
+        self.indexes[zone.index()].check((*bytes).as_ref())?;
+        Ok(bytes)
     }
 
     fn index_len(&self, zone: Zone) -> Result<u64, StoreError> {
@@ -182,7 +281,7 @@ impl PageSource for LocalPacks {
     }
 
     fn index_name(&self, zone: Zone) -> PathBuf {
-        index_path(&self.dir, zone)
+        self.indexes[zone.index()].path.clone()
     }
 }
 

@@ -27,6 +27,8 @@ pub struct Verified {
     pub nodes: u64,
     pub pages: u64,
     pub bytes: u64,
+    /// Bytes of packs that belong to no page, in zones that were changed since the world was made.
+    pub unused_bytes: u64,
     pub problems: Vec<Problem>,
 }
 
@@ -100,25 +102,32 @@ impl World {
         }
     }
 
-    /// Every byte of a pack belongs to exactly one page.
+    /// Every byte of a pack belongs to exactly one page, or to none where a change took it away.
     fn check_coverage(&self, zone: Zone, places: &[(PageId, Place)], result: &mut Verified) {
         let name = self.source().pack_name(zone);
         let len = match self.source().pack_len(zone) {
             Ok(len) => len,
             Err(error) => return result.add(name.display(), error),
         };
-        let mut sorted: Vec<Place> = places.iter().map(|&(_, place)| place).collect();
+        let files = self.manifest().additions.of(zone);
+        let starts = files.map_or_else(|| vec![0], |files| files.starts().take(files.packs.len()).collect());
+        let headers = starts.into_iter().map(|offset| Place { offset, len: pack::HEADER_BYTES as u32 });
+        let mut sorted: Vec<Place> = places.iter().map(|&(_, place)| place).chain(headers).collect();
         sorted.sort_unstable_by_key(|place| place.offset);
-        let mut end = pack::HEADER_BYTES as u64;
+        let mut end = 0;
         for place in sorted {
-            if place.offset != end {
+            if files.is_some() && place.offset > end {
+                result.unused_bytes += place.offset - end;
+            } else if place.offset != end {
                 let what = if place.offset > end { "belong to no page" } else { "belong to two pages" };
                 let (from, to) = (end.min(place.offset), end.max(place.offset));
                 result.add(name.display(), format!("bytes {from} to {to} {what}"));
             }
             end = end.max(place.offset + u64::from(place.len));
         }
-        if end != len {
+        if files.is_some() && end < len {
+            result.unused_bytes += len - end;
+        } else if end != len {
             result.add(name.display(), format!("it has {len} bytes, its pages end at {end}"));
         }
     }
@@ -138,6 +147,11 @@ impl World {
         let bytes: u64 = index.trees().filter_map(|tree| self.source().pack_len(tree.zone()).ok()).sum();
         if bytes != manifest.pack_bytes {
             result.add("world.json", format!("it tells {} bytes of packs, there are {bytes}", manifest.pack_bytes));
+        }
+        let told = manifest.additions.unused_bytes;
+        if result.unused_bytes != told {
+            let what = format!("it tells {told} unused bytes, there are {}", result.unused_bytes);
+            result.add("world.json", what);
         }
         for (at, collection) in manifest.collections.iter().enumerate() {
             let entries = trees.iter().flat_map(IndexTree::nodes).flat_map(|node| node.objects());

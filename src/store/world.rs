@@ -4,6 +4,7 @@ use super::error::StoreError;
 use super::index::{self, Extent};
 use super::manifest::Manifest;
 use super::pack::{LocalPacks, MemoryPacks, PageSource};
+use super::stack::{self, Stack, StackSource, Stacked};
 use super::{PageFault, PrismPage, decode_attributes, decode_page, decode_prisms, frame};
 use crate::content::{Page, PageId, PageKind};
 use crate::forest::index::{IndexForest, IndexTree, Place, Segment};
@@ -12,6 +13,7 @@ use rayon::prelude::*;
 use std::fs;
 use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 /// The name of the manifest in a world's directory.
 pub const MANIFEST_FILE: &str = "world.json";
@@ -21,6 +23,9 @@ pub const MANIFEST_FILE: &str = "world.json";
 /// resolution of streets, or a few cities.
 pub const INDEX_RESIDENT_MAX_BYTES: u64 = 4 << 20;
 
+/// How often a world is opened anew that is changed meanwhile.
+const OPEN_ATTEMPTS: u32 = 4;
+
 /// A world: manifest and index in memory, pages where their source has them; of a large index no more than the top, the
 /// rest being pages too. Readable from any thread at once.
 pub struct World {
@@ -28,6 +33,8 @@ pub struct World {
     manifest: Manifest,
     index: IndexForest,
     source: Box<dyn PageSource>,
+    /// Of several worlds over one another: whose pages they are.
+    stack: Option<Arc<Stack>>,
 }
 
 impl World {
@@ -44,26 +51,62 @@ impl World {
 
     /// The same with another limit than [`INDEX_RESIDENT_MAX_BYTES`].
     pub fn open_paged(dir: &Path, resident_max_bytes: u64) -> Result<Self, StoreError> {
+        // Between the manifest and the files that it names a change may have come and gone; then the manifest is
+        // another one, and is followed.
+        let mut text = read_manifest(dir)?;
+        for _ in 1..OPEN_ATTEMPTS {
+            match Self::open_as_told(dir, &text, resident_max_bytes) {
+                Ok(world) => return Ok(world),
+                Err(error) => {
+                    let now = read_manifest(dir)?;
+                    if now == text {
+                        return Err(error);
+                    }
+                    text = now;
+                }
+            }
+        }
+        Self::open_as_told(dir, &text, resident_max_bytes)
+    }
+
+    /// `text`: the manifest's bytes.
+    fn open_as_told(dir: &Path, text: &[u8], resident_max_bytes: u64) -> Result<Self, StoreError> {
         let manifest_file = dir.join(MANIFEST_FILE);
-        let text = fs::read(&manifest_file).map_err(|error| match error.kind() {
-            io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => StoreError::NotAWorld(dir.to_owned()),
-            _ => StoreError::io(&manifest_file, error),
-        })?;
-        let manifest = Manifest::parse(&text, &manifest_file)?;
+        let manifest = Manifest::parse(text, &manifest_file)?;
         let zones = zones(&manifest).map_err(|zone| StoreError::Manifest {
             file: manifest_file.clone(),
             cause: format!("{zone} is no zone"),
         })?;
-        let source: Box<dyn PageSource> = Box::new(LocalPacks::new(dir));
+        let source: Box<dyn PageSource> = Box::new(LocalPacks::new(dir, &manifest.additions));
         let index = open_index(&*source, &zones, resident_max_bytes)?;
-        Ok(Self { name: dir.to_owned(), manifest, index, source })
+        Ok(Self { name: dir.to_owned(), manifest, index, source, stack: None })
     }
 
     /// A world of trees and of files by zone (headers included), all in memory; see [`super::MemoryWriter`].
     pub(super) fn from_memory(manifest: Manifest, trees: Vec<IndexTree>, files: MemoryPacks) -> Self {
         let mut index = IndexForest::default();
         trees.into_iter().for_each(|tree| index.insert(tree));
-        Self { name: "memory".into(), manifest, index, source: Box::new(files) }
+        Self { name: "memory".into(), manifest, index, source: Box::new(files), stack: None }
+    }
+
+    /// Worlds over one another, as one. Each terrain page and picture is that of the first world that has it, and the
+    /// sets of all are there, numbered on; so a world that is added behind the others changes none of their pages.
+    /// Sets are set on the ground of the whole as they are decoded. Their indexes must be in memory whole.
+    pub fn stack(worlds: &[Arc<Self>]) -> Result<Self, StoreError> {
+        Self::stacked(worlds, None)
+    }
+
+    /// One world more behind all others. `worlds`: all of them; `self`: those before the last, over one another. What is
+    /// being read of them meanwhile may be read from either.
+    pub fn stack_further(&self, worlds: &[Arc<Self>]) -> Result<Self, StoreError> {
+        Self::stacked(worlds, self.stack.as_deref())
+    }
+
+    fn stacked(worlds: &[Arc<Self>], before: Option<&Stack>) -> Result<Self, StoreError> {
+        let Stacked { manifest, index, stack } = stack::stack(worlds, before)?;
+        let stack = Arc::new(stack);
+        let name = worlds.first().map_or_else(PathBuf::new, |world| world.name.clone());
+        Ok(Self { name, manifest, index, source: Box::new(StackSource(stack.clone())), stack: Some(stack) })
     }
 
     /// The same world with its index opened anew: whole, if its files have no more bytes than this, else its top.
@@ -123,6 +166,9 @@ impl World {
         if page.kind == PageKind::Segment {
             return Ok(Page::Segment(self.decode_segment(page.cell, bytes)?));
         }
+        if let Some(stack) = &self.stack {
+            return stack.decode(page, place, bytes);
+        }
         decode_page(page, bytes).map_err(|fault| self.page_error(page, place, fault))
     }
 
@@ -142,22 +188,37 @@ impl World {
 
     /// The prisms of a page of objects as stored.
     pub fn prisms(&self, page: PageId, place: Place, bytes: &[u8]) -> Result<PrismPage, StoreError> {
+        if let Some(stack) = &self.stack {
+            return stack.prisms(page, place, bytes);
+        }
         decode_prisms(bytes).map_err(|fault| self.page_error(page, place, fault))
     }
 
     /// The attributes of a page's objects, as JSON texts in the order of the decoded page; none when the collection
     /// has none.
     pub fn attributes(&self, page: PageId, place: Place, bytes: &[u8]) -> Result<Vec<String>, StoreError> {
+        if let Some(stack) = &self.stack {
+            return stack.attributes(page, place, bytes);
+        }
         decode_attributes(bytes).map_err(|fault| self.page_error(page, place, fault))
     }
 
-    fn page_error(&self, page: PageId, place: Place, fault: PageFault) -> StoreError {
-        let file = self.source.pack_name(page.cell.zone());
+    pub(super) fn page_error(&self, page: PageId, place: Place, fault: PageFault) -> StoreError {
+        let (file, offset) = self.source.file_of(page.cell.zone(), place);
         if let PageFault::FutureVersion(found) = fault {
             return StoreError::FutureVersion { file, found: u32::from(found), supported: u32::from(frame::VERSION) };
         }
-        StoreError::Page { file, page, offset: place.offset, fault }
+        StoreError::Page { file, page, offset, fault }
     }
+}
+
+/// The bytes of a world's manifest.
+fn read_manifest(dir: &Path) -> Result<Vec<u8>, StoreError> {
+    let file = dir.join(MANIFEST_FILE);
+    fs::read(&file).map_err(|error| match error.kind() {
+        io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => StoreError::NotAWorld(dir.to_owned()),
+        _ => StoreError::io(&file, error),
+    })
 }
 
 /// The zones that a manifest names; the first number that is none.

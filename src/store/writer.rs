@@ -1,9 +1,10 @@
 //! Writing worlds: into a directory of another name, which gets its own as the last step.
 
+use super::additions::{index_path, pack_path};
 use super::error::StoreError;
 use super::index;
 use super::manifest::{LayerInfo, Manifest};
-use super::pack::{self, MemoryPacks, index_path, pack_path};
+use super::pack::{self, MemoryPacks};
 use super::world::{MANIFEST_FILE, World};
 use crate::forest::Zone;
 use crate::forest::index::{IndexTree, Place};
@@ -28,9 +29,11 @@ pub struct WorldWriter {
     finished: bool,
 }
 
-struct PackWriter {
+pub(super) struct PackWriter {
     path: PathBuf,
     file: BufWriter<File>,
+    /// Where its bytes begin in the zone's row of them.
+    start: u64,
     len: u64,
 }
 
@@ -59,7 +62,7 @@ impl WorldWriter {
         let pack = match self.packs.entry(zone) {
             std::collections::btree_map::Entry::Occupied(entry) => entry.into_mut(),
             std::collections::btree_map::Entry::Vacant(entry) => {
-                entry.insert(PackWriter::create(pack_path(&self.partial, zone), zone)?)
+                entry.insert(PackWriter::create(pack_path(&self.partial, zone, 0), zone, 0)?)
             }
         };
         pack.append(page)
@@ -76,11 +79,11 @@ impl WorldWriter {
         for tree in trees {
             if let Some(absent) = tree.absent_segments().next() {
                 let cause = format!("only a part of it is in memory: segment {} is missing", absent.root);
-                return Err(StoreError::Index { file: index_path(&self.dir, tree.zone()), cause });
+                return Err(StoreError::Index { file: index_path(&self.dir, tree.zone(), 0), cause });
             }
             // A zone without pages still has a pack.
             if !self.packs.contains_key(&tree.zone()) {
-                let pack = PackWriter::create(pack_path(&self.partial, tree.zone()), tree.zone())?;
+                let pack = PackWriter::create(pack_path(&self.partial, tree.zone(), 0), tree.zone(), 0)?;
                 self.packs.insert(tree.zone(), pack);
             }
         }
@@ -89,7 +92,7 @@ impl WorldWriter {
         for tree in trees {
             let file = index::write(tree);
             index_bytes += file.len() as u64;
-            write_file(&index_path(&self.partial, tree.zone()), &file)?;
+            write_file(&index_path(&self.partial, tree.zone(), 0), &file)?;
         }
         describe(&mut manifest, trees, index_bytes, self.packs.values().map(|pack| pack.len).sum());
         write_file(&self.partial.join(MANIFEST_FILE), &manifest.to_bytes())?;
@@ -129,9 +132,9 @@ impl Drop for WorldWriter {
 }
 
 impl PackWriter {
-    fn create(path: PathBuf, zone: Zone) -> Result<Self, StoreError> {
+    pub fn create(path: PathBuf, zone: Zone, start: u64) -> Result<Self, StoreError> {
         let file = File::create(&path).map_err(|error| StoreError::io(&path, error))?;
-        let mut pack = Self { path, file: BufWriter::with_capacity(1 << 18, file), len: 0 };
+        let mut pack = Self { path, file: BufWriter::with_capacity(1 << 18, file), start, len: 0 };
         pack.write(&pack::header(zone))?;
         Ok(pack)
     }
@@ -142,22 +145,28 @@ impl PackWriter {
         Ok(())
     }
 
-    fn append(&mut self, page: &[u8]) -> Result<Place, StoreError> {
+    /// Bytes written so far, the header's included.
+    pub fn len(&self) -> u64 {
+        self.len
+    }
+
+    pub fn append(&mut self, page: &[u8]) -> Result<Place, StoreError> {
         let too_large = || StoreError::TooLarge { file: self.path.clone(), offset: self.len, len: page.len() };
         let len = u32::try_from(page.len()).map_err(|_| too_large())?;
-        let place = Place::new(self.len, len).ok_or_else(too_large)?;
+        let place = self.start.checked_add(self.len).and_then(|offset| Place::new(offset, len));
+        let place = place.ok_or_else(too_large)?;
         self.write(page)?;
         Ok(place)
     }
 
-    fn sync(&mut self) -> Result<(), StoreError> {
+    pub fn sync(&mut self) -> Result<(), StoreError> {
         let io = |error| StoreError::io(&self.path, error);
         self.file.flush().map_err(io)?;
         self.file.get_ref().sync_all().map_err(io)
     }
 }
 
-fn write_file(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
+pub(super) fn write_file(path: &Path, bytes: &[u8]) -> Result<(), StoreError> {
     let io = |error| StoreError::io(path, error);
     let mut file = File::create(path).map_err(io)?;
     file.write_all(bytes).map_err(io)?;

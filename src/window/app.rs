@@ -7,6 +7,7 @@ use super::stage::{Frame, Next, Stage};
 use crate::camera::{Pose, WHOLE_EARTH};
 use crate::engine::{EngineError, EngineParams, FrameReport, Live};
 use crate::record::{FlightHeader, FlightLog, RecordError};
+use crate::store::MANIFEST_FILE;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
@@ -135,6 +136,7 @@ impl App {
         let mut stage =
             Stage::open(window, &self.options, self.params(), panels, self.first_pose(), move || bell.ring())?;
         stage.set_scale(self.settings.window.scale);
+        stage.hidden_names = self.settings.sets.hidden.clone();
         if let Some(said) = self.said.take() {
             stage.say(MessageKind::Failed, said);
         }
@@ -158,6 +160,7 @@ impl App {
             tolerance_px: asked.tolerance_px,
             footprint: asked.footprint,
             frame_ms: asked.frame_ms,
+            hidden: self.settings.sets.hidden(&self.options.source.manifest.collections),
             ..self.options.params
         }
     }
@@ -220,7 +223,7 @@ impl App {
         let again = self.lost.replace(Instant::now()).is_some_and(|lost| lost.elapsed() < LOST_AGAIN);
         let bell = self.bell.clone();
         let lost = self.stage.as_mut().filter(|stage| stage.is_lost() && !again);
-        let mended = lost.map_or(Err(error), |stage| stage.reopen(&self.options, Box::new(move || bell.ring())));
+        let mended = lost.map_or(Err(error), |stage| stage.reopen(Box::new(move || bell.ring())));
         match mended {
             Ok(()) => self.redraw(),
             Err(error) => self.fail(error, system),
@@ -251,6 +254,7 @@ impl App {
         }
         let manifest = &self.options.source.manifest;
         self.settings.remember_view(&manifest.name, &manifest.recipe_hash, stage.pose());
+        self.settings.sets.keep(stage.sets());
         self.settings.panels = stage.panels.open;
         self.settings.overlays = stage.panels.overlays;
         if self.options.size_px.is_none() && stage.window().fullscreen().is_none() {
@@ -346,7 +350,9 @@ impl ApplicationHandler<News> for App {
             WindowEvent::RedrawRequested => self.frame(system),
             event => {
                 if let (WindowEvent::DroppedFile(file), Some(stage)) = (&event, &mut self.stage) {
-                    stage.replay_file(file);
+                    // A world is a folder; its manifest stands for it.
+                    let is_world = file.is_dir() || file.file_name().is_some_and(|name| name == MANIFEST_FILE);
+                    if is_world { stage.open_world(file.clone()) } else { stage.replay_file(file) }
                 }
                 if self.stage.as_mut().is_some_and(|stage| stage.event(&event)) {
                     self.redraw();

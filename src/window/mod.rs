@@ -7,6 +7,7 @@ mod aim;
 mod app;
 mod files;
 mod hands;
+mod opener;
 mod overlays;
 mod panels;
 mod recorder;
@@ -21,13 +22,18 @@ pub use stage::Bookmark;
 
 use crate::camera::FlightPath;
 use crate::engine::{EngineParams, Source};
+use crate::store::World;
 use crate::units::ByteSize;
 use std::path::PathBuf;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// What a window is opened for. What is `None` comes from the settings of the last time.
 pub struct WindowOptions {
     pub source: Source,
+    /// What the source is made of, over one another, and all of it: further worlds may be put over it.
+    pub worlds: Vec<Arc<World>>,
+    pub whole: Arc<World>,
     pub bookmarks: Vec<Bookmark>,
     /// Logical pixels.
     pub size_px: Option<[u32; 2]>,

@@ -4,7 +4,8 @@ use super::overlays::Overlays;
 use super::panels::{Open, Quality};
 use crate::camera::Pose;
 use crate::geodesy::Geodetic;
-use crate::store::write_whole;
+use crate::select::CollectionSet;
+use crate::store::{CollectionInfo, write_whole};
 use crate::units::ByteSize;
 use serde::{Deserialize, Deserializer, Serialize, Serializer};
 use std::fs::File;
@@ -30,12 +31,43 @@ pub struct Settings {
     pub quality: QualitySettings,
     pub panels: Open,
     pub overlays: Overlays,
+    pub sets: SetSettings,
     /// Latest first; at most [`LAST_VIEWS_MAX`].
     #[serde(rename = "last_view")]
     pub last_views: Vec<LastView>,
     /// Of other versions of the program.
     #[serde(flatten)]
     pub others: toml::Table,
+}
+
+/// Building sets and the like.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default)]
+pub struct SetSettings {
+    /// Names of those that are hidden, in whatever world; at most [`HIDDEN_NAMES_MAX`], latest first.
+    pub hidden: Vec<String>,
+    #[serde(flatten)]
+    pub others: toml::Table,
+}
+
+/// See [`SetSettings::hidden`].
+pub const HIDDEN_NAMES_MAX: usize = 256;
+
+impl SetSettings {
+    /// Those of a world's collections that are hidden.
+    pub fn hidden(&self, collections: &[CollectionInfo]) -> CollectionSet {
+        let numbered = (0..=u8::MAX).zip(collections).filter(|(_, info)| self.hidden.contains(&info.name));
+        numbered.fold(CollectionSet::NONE, |set, (number, _)| set.with(number))
+    }
+
+    /// Keeps which sets were hidden at last, by name; what is told of no set stays.
+    pub fn keep<'a>(&mut self, sets: impl Iterator<Item = (&'a str, bool)>) {
+        let told: Vec<(&str, bool)> = sets.collect();
+        self.hidden.retain(|name| told.iter().all(|(other, _)| other != name));
+        let hidden = told.iter().filter(|(_, is_hidden)| *is_hidden).map(|(name, _)| (*name).to_owned());
+        self.hidden.splice(0..0, hidden);
+        self.hidden.truncate(HIDDEN_NAMES_MAX);
+    }
 }
 
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]

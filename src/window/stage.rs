@@ -2,17 +2,20 @@
 
 use super::aim::Aim;
 use super::hands::{Hands, Taken};
+use super::opener::{Opened, Opener};
 use super::overlays::{self, Drawn};
-use super::panels::{Action, FrameTimes, MessageKind, Messages, Panels, Place, Playback, Quality, Shown};
+use super::panels::{Action, FrameTimes, MessageKind, Messages, Panels, Place, Playback, Quality, SetRow, Shown};
 use super::recorder::{Recorder, Replay};
 use super::saver::Saver;
 use super::{WindowError, WindowOptions};
 use crate::camera::{Destination, FlightPath, Held, NavInput, Navigator, Pose, Surroundings, View};
-use crate::engine::{EngineError, EngineParams, FrameReport, Lack, Live, Notify, Pace, PickCache};
+use crate::engine::{EngineError, EngineParams, FrameReport, Lack, Live, Notify, Pace, PickCache, Source};
 use crate::geodesy::Geodetic;
 use crate::render::{Overlay, Presented, Renderer, Skip};
+use crate::store::{NamedView, World, bookmarks};
 use crate::units::ByteSize;
 use egui::ViewportId;
+use std::path::PathBuf;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use winit::event::WindowEvent;
@@ -33,6 +36,15 @@ const SKIPPED_WAIT: Duration = Duration::from_millis(100);
 pub struct Bookmark {
     pub name: String,
     pub pose: Pose,
+}
+
+impl Bookmark {
+    /// What a world offers.
+    pub fn of(view: &NamedView) -> Self {
+        let eye = Geodetic::from_degrees(view.lat_deg, view.lon_deg, view.height_m);
+        let (heading_rad, pitch_rad) = (view.heading_deg.to_radians(), view.pitch_deg.to_radians());
+        Self { name: view.name.clone(), pose: Pose { eye, heading_rad, pitch_rad } }
+    }
 }
 
 /// When the next frame is due.
@@ -73,6 +85,11 @@ pub struct Stage {
     last_path: Option<FlightPath>,
     replay: Option<Replay>,
     saver: Saver,
+    opener: Opener,
+    /// The collections by number.
+    sets: Vec<SetRow>,
+    /// Names of sets that are hidden when their world is added.
+    pub hidden_names: Vec<String>,
     picture_asked: bool,
     aim: Option<Aim>,
     report: FrameReport,
@@ -106,7 +123,7 @@ impl Stage {
         let size_px = size_of(&window);
         let live = start(
             &window,
-            options,
+            &options.source,
             params,
             View::new(pose, FOV_Y_RAD, size_px.map(|side| side.max(1))),
             Box::new(notify.clone()),
@@ -128,7 +145,10 @@ impl Stage {
             recorder: None,
             last_path: options.replay.clone(),
             replay: None,
-            saver: Saver::start(notify).map_err(WindowError::Thread)?,
+            saver: Saver::start(notify.clone()).map_err(WindowError::Thread)?,
+            opener: Opener::start(options, notify).map_err(WindowError::Thread)?,
+            sets: set_rows(&options.worlds, &options.source),
+            hidden_names: Vec::new(),
             picture_asked: false,
             aim: None,
             report: FrameReport::default(),
@@ -156,11 +176,11 @@ impl Stage {
     }
 
     /// A new renderer and new threads for the same window, after the device was lost. Waits for the coarsest pages.
-    pub fn reopen(&mut self, options: &WindowOptions, notify: Notify) -> Result<(), WindowError> {
+    pub fn reopen(&mut self, notify: Notify) -> Result<(), WindowError> {
         let (params, view) = (*self.live.params(), self.view(self.now_s()));
         self.live.close();
         self.live.renderer().leave_window();
-        self.live = start(&self.window, options, params, view, notify)?;
+        self.live = start(&self.window, &self.live.source().clone(), params, view, notify)?;
         let fonts = Overlay::fonts_of(self.egui.egui_ctx());
         self.overlay = Overlay { textures: fonts, ..Overlay::default() };
         self.say(MessageKind::Failed, "the graphics device was lost; a new one draws on".into());
@@ -361,6 +381,9 @@ impl Stage {
             world: &self.live.source().manifest.name,
             credits: &self.credits,
             bookmarks: &self.names,
+            sets: &self.sets,
+            hidden: self.live.params().hidden,
+            is_opening: self.opener.is_busy(),
             messages: &self.messages,
             playback: self.playback(now_s),
         };
@@ -389,6 +412,15 @@ impl Stage {
 
     /// What happened beside the frames.
     fn tell_news(&mut self) {
+        if let Some(folder) = self.panels.take_world_asked() {
+            self.open_world(folder.into());
+        }
+        while let Some(opened) = self.opener.poll() {
+            match opened {
+                Ok(opened) => self.add_world(&opened),
+                Err(text) => self.say(MessageKind::Failed, text),
+            }
+        }
         for message in self.live.take_messages() {
             self.say(MessageKind::Failed, message);
         }
@@ -482,6 +514,11 @@ impl Stage {
                 None => self.say(MessageKind::Failed, "there is no recording yet: Shift-P starts one".into()),
             },
             Action::Replay(false) => self.end_replay(),
+            Action::ShowSet(number, is_shown) => {
+                let hidden = params.hidden;
+                let hidden = if is_shown { hidden.without(number) } else { hidden.with(number) };
+                self.set_params(EngineParams { hidden, ..params });
+            }
             Action::FullScreen | Action::Quit => return false,
         }
         true
@@ -517,6 +554,42 @@ impl Stage {
         } else if settled {
             self.aim = None;
         }
+    }
+
+    /// Adds the world of a folder, once it is open.
+    pub fn open_world(&mut self, folder: PathBuf) {
+        let said = format!("opening {}", folder.display());
+        match self.opener.open(folder) {
+            true => self.say(MessageKind::Done, said),
+            false => self.say(MessageKind::Failed, "too many worlds at once: this one was not opened".into()),
+        }
+    }
+
+    /// A world more to fly over. What was hidden stays so: numbers do not change.
+    fn add_world(&mut self, opened: &Opened) {
+        let source = Source::shared(&opened.whole);
+        let (sets, credits) = (set_rows(&opened.worlds, &source), source.manifest.credits());
+        let views = bookmarks(&source.manifest, &source.index);
+        let least = Live::least_footprint(&source);
+        if let Err(error) = self.live.set_source(source) {
+            return self.say(MessageKind::Failed, error.to_string());
+        }
+        let known = self.sets.len();
+        let added = (0..=u8::MAX).zip(&sets).skip(known).filter(|(_, set)| self.hidden_names.contains(&set.name));
+        let params = *self.live.params();
+        let hidden = added.fold(params.hidden, |hidden, (number, _)| hidden.with(number));
+        self.set_params(EngineParams { hidden, ..params });
+        (self.sets, self.credits, self.footprint_least) = (sets, credits, least);
+        self.bookmarks = views.iter().map(Bookmark::of).collect();
+        self.names = self.bookmarks.iter().map(|bookmark| bookmark.name.clone()).collect();
+        let name = opened.worlds.last().map_or("", |world| world.manifest().name.as_str());
+        self.say(MessageKind::Done, format!("added {name}"));
+    }
+
+    /// Names of all collections, with those that are hidden.
+    pub fn sets(&self) -> impl Iterator<Item = (&str, bool)> {
+        let hidden = self.live.params().hidden;
+        (0..=u8::MAX).zip(&self.sets).map(move |(number, set)| (&*set.name, hidden.contains(number)))
     }
 
     /// Shows a flight from a file.
@@ -568,14 +641,22 @@ fn period_of(window: &Window) -> Duration {
     Duration::from_secs_f64(1.0 / hz.clamp(DISPLAY_HZ_RANGE[0], DISPLAY_HZ_RANGE[1]))
 }
 
+/// The collections of worlds over one another.
+fn set_rows(worlds: &[Arc<World>], source: &Source) -> Vec<SetRow> {
+    let worlds = worlds.iter().map(|world| world.manifest());
+    let of_world = worlds.flat_map(|manifest| std::iter::repeat_n(&manifest.name, manifest.collections.len()));
+    let sets = source.manifest.collections.iter().zip(of_world);
+    sets.map(|(info, world)| SetRow { name: info.name.clone(), world: world.clone(), objects: info.objects }).collect()
+}
+
 fn start(
     window: &Arc<Window>,
-    options: &WindowOptions,
+    source: &Source,
     params: EngineParams,
     view: View,
     notify: Notify,
 ) -> Result<Live, WindowError> {
-    let limits = Live::gpu_limits(&options.source, &params)?;
+    let limits = Live::gpu_limits(source, &params)?;
     let renderer = Renderer::for_window(window.clone(), size_of(window), limits).map_err(EngineError::from)?;
-    Ok(Live::start(options.source.clone(), params, renderer, view, notify)?)
+    Ok(Live::start(source.clone(), params, renderer, view, notify)?)
 }

@@ -134,6 +134,7 @@ fn manifest() -> Manifest {
         repaired: BTreeMap::new(),
         bounds_deg: [LON_DEG - 0.01, LAT_DEG - 0.01, LON_DEG + 0.01, LAT_DEG + 0.01],
         attributes: Vec::new(),
+        reps: Vec::new(),
     };
     Manifest {
         version: 1,
@@ -149,6 +150,7 @@ fn manifest() -> Manifest {
         index_bytes: 0,
         pack_bytes: 0,
         views: vec![],
+        additions: Default::default(),
     }
 }
 

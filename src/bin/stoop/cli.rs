@@ -1,7 +1,11 @@
 //! What the subcommands share: values as people write them, and errors of one line.
 
 use std::fmt;
+use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
+use stoop::engine::Source;
+use stoop::store::World;
 use stoop::units::ByteSize;
 
 pub use stoop::units::{number, positive};
@@ -120,9 +124,22 @@ pub fn make_folder(folder: &std::path::Path) -> anyhow::Result<()> {
         .with_context(|| format!("cannot make the folder {}: check its place and rights", folder.display()))
 }
 
-/// A world for the engine.
-pub fn open(folder: &std::path::Path) -> anyhow::Result<stoop::engine::Source> {
-    Ok(stoop::engine::Source::of(stoop::store::World::open(folder)?))
+/// Opens worlds that are to lie over one another.
+pub fn open_worlds(folders: &[PathBuf]) -> anyhow::Result<Vec<Arc<World>>> {
+    folders.iter().map(|folder| Ok(Arc::new(World::open(folder)?))).collect()
+}
+
+/// One world or several over one another, for the engine.
+pub fn open(folders: &[PathBuf]) -> anyhow::Result<Source> {
+    Ok(Source::over(&open_worlds(folders)?)?)
+}
+
+/// The same with the whole index in memory, for walks that must see everything.
+pub fn open_whole(folders: &[PathBuf]) -> anyhow::Result<World> {
+    match folders {
+        [folder] => Ok(World::open_whole(folder)?),
+        folders => Ok(World::stack(&open_worlds(folders)?)?),
+    }
 }
 
 /// Writes to standard output; a closed pipe is no failure of the work that was done.

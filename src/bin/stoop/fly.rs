@@ -18,7 +18,7 @@ use stoop::camera::{FlightPath, View};
 use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode, Source};
 use stoop::paging::{PlannerParams, PolicyName, PolicyParams};
 use stoop::record::{FlightHeader, FlightLog};
-use stoop::select::ObjectsMode;
+use stoop::select::{CollectionSet, ObjectsMode};
 use stoop::storage::{Faults, StorageModel};
 use stoop::units::ByteSize;
 
@@ -95,8 +95,9 @@ enum ObjectsArgument {
 #[derive(clap::Args)]
 #[command(after_help = DETAILS)]
 pub struct Arguments {
-    /// Folder of the world
-    world: PathBuf,
+    /// Folders of worlds; several lie over one another, the first one uppermost
+    #[arg(value_name = "WORLD", required = true)]
+    worlds: Vec<PathBuf>,
     /// The flight, JSON
     #[arg(long, value_name = "FILE")]
     path: PathBuf,
@@ -252,6 +253,7 @@ impl Arguments {
                 ObjectsArgument::Cells => ObjectsMode::Cells,
                 ObjectsArgument::Groups => ObjectsMode::Groups,
             },
+            hidden: CollectionSet::NONE,
             footprint: self.footprint,
             frame_ms: self.frame_ms,
             mode: self.mode(),
@@ -278,7 +280,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     arguments.check_combinations()?;
     let path = FlightPath::load(&arguments.path)?;
     let opened = Instant::now();
-    let source = cli::open(&arguments.world)?;
+    let source = cli::open(&arguments.worlds)?;
     if let Some(storage) = arguments.virtual_storage {
         return virtual_clock::fly(&arguments, path, source, storage);
     }

@@ -20,8 +20,9 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Folder of the world
-    world: PathBuf,
+    /// Folders of worlds; several lie over one another, the first one uppermost
+    #[arg(value_name = "WORLD", required = true)]
+    worlds: Vec<PathBuf>,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -31,7 +32,10 @@ pub struct Arguments {
 const DEGREE_M: f64 = 111_195.0;
 
 pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let world = World::open(&arguments.world)?;
+    let world = match &arguments.worlds[..] {
+        [folder] => World::open(folder)?,
+        folders => cli::open_whole(folders)?,
+    };
     let manifest = world.manifest();
     if arguments.json {
         let mut value = serde_json::to_value(manifest).context("the manifest as JSON")?;
@@ -44,6 +48,11 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let (low_m, high_m) = manifest.height_range_m;
     cli::sayln!("heights {low_m:.1} to {high_m:.1} m, {} zones", manifest.zones.len());
     cli::sayln!("packs {}, index {}", ByteSize(manifest.pack_bytes), ByteSize(manifest.index_bytes));
+    let additions = &manifest.additions;
+    if !additions.is_none() {
+        let unused = ByteSize(additions.unused_bytes);
+        cli::sayln!("changed {} times since it was made, {unused} of the packs unused", additions.generation);
+    }
     for (name, layer, across) in [("terrain", &manifest.terrain, 64.0), ("imagery", &manifest.imagery, 256.0)] {
         match layer {
             Some(layer) => print_layer(name, layer, across),

@@ -34,6 +34,7 @@ Without a command the viewer opens a window on WORLD; press H there for its cont
 Examples:
   stoop
   stoop WORLD --tolerance-px 2 --footprint 512MiB
+  stoop EARTH CITY MORE
   stoop fly tiles/default/world --path tiles/default/helsinki.json --frames pictures --every-secs 1
   stoop shot tiles/default/world --lon-deg 24.95 --lat-deg 60.17 --height-m 2000 --pitch-deg -60 --out city.png
   stoop info tiles/default/world";

@@ -1,16 +1,15 @@
 //! `stoop WORLD`: the viewer in a window.
 
-use crate::cli::{self, NotYet};
+use crate::cli;
 use anyhow::Context;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
-use stoop::camera::{FlightPath, Pose};
+use stoop::camera::FlightPath;
 use stoop::engine::{EngineParams, Source};
-use stoop::geodesy::Geodetic;
 use stoop::paging::{Gate, SlowReader, Stall};
-use stoop::store::{NamedView, bookmarks};
+use stoop::store::{World, bookmarks};
 use stoop::units::ByteSize;
 use stoop::window::{self, Bookmark, WindowOptions};
 
@@ -20,7 +19,8 @@ const DEFAULT_WORLDS: [&str; 2] = ["tiles/default/world", "share/stoop/default"]
 #[derive(clap::Args)]
 #[group(skip)]
 pub struct Arguments {
-    /// Folder of the world to open in a window; the default world when none is named
+    /// Folders of worlds to open in a window, over one another, the first one uppermost; the default world when none is
+    /// named
     #[arg(value_name = "WORLD")]
     worlds: Vec<PathBuf>,
     /// Size of the window, logical pixels [default: as it was last]
@@ -79,18 +79,21 @@ pub fn run(arguments: Arguments, started: Instant) -> anyhow::Result<ExitCode> {
     if let Some(folder) = arguments.report.as_deref().and_then(Path::parent).filter(|folder| *folder != Path::new("")) {
         cli::make_folder(folder)?;
     }
-    let folder = match &arguments.worlds[..] {
-        [] => default_world()?,
-        [folder] => folder.clone(),
-        _ => return Err(NotYet::new("more than one world in a window", "name one").into()),
+    let folders = if arguments.worlds.is_empty() { vec![default_world()?] } else { arguments.worlds };
+    let worlds = cli::open_worlds(&folders)?;
+    let whole = match &worlds[..] {
+        [world] => world.clone(),
+        worlds => Arc::new(World::stack(worlds)?),
     };
-    let mut source = cli::open(&folder)?;
-    let bookmarks = bookmarks(&source.manifest, &source.index).iter().map(bookmark).collect();
+    let mut source = Source::shared(&whole);
+    let bookmarks = bookmarks(&source.manifest, &source.index).iter().map(Bookmark::of).collect();
     if let Some(stall) = arguments.stall_secs {
         source = stalled(source, stall);
     }
     window::run(WindowOptions {
         source,
+        worlds,
+        whole,
         bookmarks,
         size_px: arguments.size.map(|size| size.0),
         tolerance_px: arguments.tolerance_px,
@@ -119,12 +122,6 @@ fn default_world() -> anyhow::Result<PathBuf> {
             "the default world is not here: start stoop in a clone of its repository, or name a world: `stoop WORLD` \
              (stoop-prepare makes one from your files)",
         )
-}
-
-fn bookmark(view: &NamedView) -> Bookmark {
-    let eye = Geodetic::from_degrees(view.lat_deg, view.lon_deg, view.height_m);
-    let (heading_rad, pitch_rad) = (view.heading_deg.to_radians(), view.pitch_deg.to_radians());
-    Bookmark { name: view.name.clone(), pose: Pose { eye, heading_rad, pitch_rad } }
 }
 
 fn stalled(source: Source, stall: Stall) -> Source {

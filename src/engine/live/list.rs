@@ -2,7 +2,7 @@
 
 use crate::camera::{FlyTo, View};
 use crate::content::PageId;
-use crate::engine::{EngineParams, FrameReport, TimeBudget};
+use crate::engine::{EngineParams, FrameReport, Source, TimeBudget};
 use crate::paging::Totals;
 use crate::paging::{LayerCounts, PageState};
 use crate::render::GpuLimits;
@@ -53,6 +53,8 @@ pub(super) struct Order {
     /// The real time of it.
     pub at: Instant,
     pub params: EngineParams,
+    /// What is flown over; another one than before where a world was added.
+    pub source: Arc<Source>,
     pub time: Option<TimeBudget>,
     /// The flight under way, on the clock of `t_s`.
     pub way: Option<Arc<FlyTo>>,

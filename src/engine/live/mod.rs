@@ -13,6 +13,7 @@ mod thread;
 use super::cost::{Load, TimeBudget};
 use super::footprint::{PAGES_IN_FLIGHT_MAX, Partition};
 use super::lift::LiftCopies;
+use super::reader::SwitchReader;
 use super::scene::{Scene, timed};
 use super::surroundings::{DrawnGround, PickCache};
 use super::upload::UploadRate;
@@ -78,7 +79,9 @@ struct Asked {
 
 /// The render thread's side; owns the renderer. Dropped, it ends the scene thread.
 pub struct Live {
-    source: Source,
+    source: Arc<Source>,
+    /// What all threads read from.
+    reader: Arc<SwitchReader>,
     params: EngineParams,
     renderer: Renderer,
     shared: Arc<Shared>,
@@ -117,7 +120,9 @@ impl Live {
         notify: Notify,
     ) -> Result<Self, EngineError> {
         let params = live_params(params);
-        let mut scene = Scene::new(source.clone(), params, OutOfView::Coarse)?;
+        let reader = Arc::new(SwitchReader::new(source.reader.clone()));
+        let source = Arc::new(Source { reader: reader.clone(), ..source });
+        let mut scene = Scene::new(Source::clone(&source), params, OutOfView::Coarse)?;
         scene.load_pinned(&mut renderer);
         let shared = Arc::new(Shared::default());
         let (to_render, uploads) = bounded(PAGES_IN_FLIGHT_MAX);
@@ -125,7 +130,7 @@ impl Live {
         let (to_show, messages) = bounded(MESSAGES_MAX);
         let (wake, woken) = bounded(1);
         let remote = Remote::new(shared.clone(), to_render, from_render);
-        let order = Order { view, t_s: 0.0, at: Instant::now(), params, time: None, way: None };
+        let order = Order { view, t_s: 0.0, at: Instant::now(), params, source: source.clone(), time: None, way: None };
         let mut scene_thread = SceneThread {
             scene,
             remote,
@@ -141,6 +146,7 @@ impl Live {
         let mut live = Self {
             time: TimeBudget::new(params.frame_ms.unwrap_or(f64::INFINITY)),
             source,
+            reader,
             params,
             renderer,
             shared,
@@ -170,6 +176,17 @@ impl Live {
 
     pub fn params(&self) -> &EngineParams {
         &self.params
+    }
+
+    /// Flies on over another source, which holds all that the one before does and more: a world that was added. Pages
+    /// that are resident or under way stay. From the next order on.
+    pub fn set_source(&mut self, source: Source) -> Result<(), EngineError> {
+        Self::gpu_limits(&source, &self.params)?;
+        // Before the index that tells of them: pages of the new source may be asked for at once.
+        self.reader.set(source.reader);
+        self.source = Arc::new(Source { reader: self.reader.clone(), ..source });
+        self.ordered = None;
+        Ok(())
     }
 
     /// From the next order on.
@@ -268,7 +285,8 @@ impl Live {
         self.last_view = Some(*view);
         let time = self.params.frame_ms.filter(|_| pace == Pace::Moving).map(|_| self.time);
         let way = self.way.clone();
-        let order = Order { view: view.padded(pad_px), t_s, at: Instant::now(), params: self.params, time, way };
+        let (view, params, source) = (view.padded(pad_px), self.params, self.source.clone());
+        let order = Order { view, t_s, at: Instant::now(), params, source, time, way };
         let asked = Asked { view: order.view, params: order.params, pace, way: order.way.clone() };
         if self.ordered.as_ref() == Some(&asked) {
             return;

@@ -3,8 +3,8 @@
 use super::list::{DisplayList, Order};
 use super::remote::Remote;
 use super::{Notify, Shared};
-use crate::engine::FrameTimings;
 use crate::engine::scene::Scene;
+use crate::engine::{FrameTimings, Source};
 use crate::paging::{KnownWay, PageState};
 use crate::select::{Demand, Urgency};
 use crossbeam_channel::{Receiver, RecvTimeoutError, Sender};
@@ -66,6 +66,11 @@ impl SceneThread {
 
     fn take_order(&mut self) -> bool {
         let Some(order) = self.shared.orders.take() else { return false };
+        if !Arc::ptr_eq(&order.source, &self.order.source)
+            && let Err(error) = self.scene.set_source(Source::clone(&order.source))
+        {
+            self.tell(error.to_string());
+        }
         if order.params != self.order.params
             && let Err(error) = self.scene.set_params(order.params)
         {

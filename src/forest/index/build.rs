@@ -5,7 +5,7 @@ use super::tree::IndexTree;
 use super::{IndexError, NodeInfo, NodeRecord, ObjectsRecord};
 use crate::forest::{CellId, Zone};
 use std::borrow::Borrow;
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
 
 /// A segment, and the roots of those right below it.
 pub(super) struct Built {
@@ -45,6 +45,22 @@ pub(super) fn segment<I: Borrow<NodeInfo>>(
     let segment = Segment::of_records(root, &nodes, &objects);
     let segment = segment.ok_or(IndexError::Malformed { segment: root, what: "records are not aligned" })?;
     Ok(Built { segment, below })
+}
+
+/// Tells the roots of pages below which there is one collection alone; call it before a tree is built of cells whose
+/// objects changed.
+pub fn mark_alone(cells: &mut BTreeMap<CellId, NodeInfo>) {
+    let mut below: BTreeMap<CellId, BTreeSet<u8>> = BTreeMap::new();
+    for (cell, info) in cells.iter().filter(|(_, info)| !info.objects.is_empty()) {
+        let collections: BTreeSet<u8> = info.objects.iter().map(|entry| entry.collection).collect();
+        for above in cell.ancestors() {
+            below.entry(above).or_default().extend(&collections);
+        }
+    }
+    for (cell, info) in cells {
+        let alone = below.get(cell).is_some_and(|collections| collections.len() == 1);
+        info.below.iter_mut().for_each(|below| below.alone = alone);
+    }
 }
 
 impl IndexTree {

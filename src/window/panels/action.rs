@@ -24,6 +24,8 @@ pub enum Action {
     Record(bool),
     /// Starts or ends the replay of the last recording.
     Replay(bool),
+    /// A collection by its number is shown, or hidden.
+    ShowSet(u8, bool),
     FullScreen,
     Quit,
 }

@@ -19,6 +19,7 @@ pub const CONTROLS: &[(&str, &str)] = &[
     ("H", "this card"),
     ("T, F1", "frame times and counts"),
     ("O, F2", "settings"),
+    ("B", "building sets: show, hide, add a world"),
     ("I", "status line"),
     ("Z  C  X", "borders of zones, of cells, state of pages"),
     ("Comma, Point", "finer, coarser picture"),

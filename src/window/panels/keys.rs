@@ -50,6 +50,7 @@ fn press(key: Key, modifiers: Modifiers, shown: &Shown<'_>, panels: &mut Panels,
     }
     match key {
         Key::H => panels.toggle_side(Side::Help),
+        Key::B => panels.toggle_side(Side::Sets),
         Key::O | Key::F2 => panels.toggle_side(Side::Settings),
         Key::T | Key::F1 => panels.open.hud = !panels.open.hud,
         Key::I => panels.open.status = !panels.open.status,

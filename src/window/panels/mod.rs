@@ -15,6 +15,7 @@ mod notes;
 mod place_text;
 mod place_tokens;
 mod scale_bar;
+mod sets_panel;
 mod settings_panel;
 mod shown;
 mod status;
@@ -27,7 +28,7 @@ pub use controls::CONTROLS;
 pub use frame_times::FrameTimes;
 pub use messages::{MessageKind, Messages};
 pub use place_text::Place;
-pub use shown::{FRAME_MS, Playback, Quality, Shown, TOLERANCE_PX};
+pub use shown::{FRAME_MS, Playback, Quality, SetRow, Shown, TOLERANCE_PX};
 
 use super::overlays::Overlays;
 use egui::Context;
@@ -43,6 +44,7 @@ pub const BOOKMARK_KEYS: usize = 9;
 pub enum Side {
     Settings,
     Help,
+    Sets,
 }
 
 /// Which panels are open.
@@ -71,6 +73,9 @@ pub struct Panels {
     /// Values of the sliders while one is dragged.
     dragged: Option<Quality>,
     fly_to: Option<FlyTo>,
+    /// The folder of a world as it is being typed, and one that was asked for.
+    world_path: String,
+    world_asked: Option<String>,
     /// A text was being written when the last pass ended: Esc and Enter of this one belong to it.
     had_text: bool,
 }
@@ -97,6 +102,7 @@ impl Panels {
         match self.open.side {
             Some(Side::Settings) => settings_panel::show(ctx, shown, self, &mut actions),
             Some(Side::Help) => help::show(ctx, shown),
+            Some(Side::Sets) => sets_panel::show(ctx, shown, self, &mut actions),
             None => {}
         }
         notes::show_messages(ctx, shown, self.lowest_note());
@@ -120,6 +126,11 @@ impl Panels {
     /// Whether the box that asks for a place is open.
     pub fn asks_for_place(&self) -> bool {
         self.fly_to.is_some()
+    }
+
+    /// The folder of a world that was asked for since the last call.
+    pub fn take_world_asked(&mut self) -> Option<String> {
+        self.world_asked.take()
     }
 
     /// Height that is taken at the lower edge, points: messages stand above it.

@@ -131,6 +131,9 @@ fn buttons(ui: &mut Ui, shown: &Shown<'_>, panels: &mut Panels, actions: &mut Ve
         if button(ui, "Status line", "I") {
             panels.open.status = !panels.open.status;
         }
+        if button(ui, "Building sets", "B") {
+            panels.open.side = Some(super::Side::Sets);
+        }
         if button(ui, "Help", "H") {
             panels.open.side = Some(super::Side::Help);
         }

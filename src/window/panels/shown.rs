@@ -6,6 +6,7 @@ use crate::camera::View;
 use crate::engine::FrameReport;
 use crate::geodesy::Geodetic;
 use crate::paging::LayerCounts;
+use crate::select::CollectionSet;
 use crate::units::ByteSize;
 
 /// Tolerances that the slider and the keys reach, pixels.
@@ -60,6 +61,15 @@ pub enum Playback {
     },
 }
 
+/// A building set or the like, as the list of them shows it.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct SetRow {
+    pub name: String,
+    /// The name of the world that it is of.
+    pub world: String,
+    pub objects: u64,
+}
+
 /// Everything the panels show of one frame.
 #[derive(Clone, Copy, Debug)]
 pub struct Shown<'a> {
@@ -90,6 +100,11 @@ pub struct Shown<'a> {
     pub credits: &'a [String],
     /// Names, in the order of the number keys.
     pub bookmarks: &'a [String],
+    /// The collections by number, and which of them are hidden.
+    pub sets: &'a [SetRow],
+    pub hidden: CollectionSet,
+    /// Whether a world is being opened.
+    pub is_opening: bool,
     pub messages: &'a Messages,
     pub playback: Playback,
 }

@@ -4,6 +4,7 @@ use crate::camera::{Pose, View};
 use crate::engine::{FrameReport, Lack};
 use crate::geodesy::Geodetic;
 use crate::paging::{LayerCounts, PageCounts};
+use crate::select::CollectionSet;
 use crate::units::ByteSize;
 use egui::{Event, Key, Modifiers, PointerButton, Pos2, RawInput, Rect, pos2, vec2};
 
@@ -14,6 +15,7 @@ struct World {
     messages: Messages,
     credits: Vec<String>,
     bookmarks: Vec<String>,
+    sets: Vec<SetRow>,
 }
 
 impl World {
@@ -43,6 +45,9 @@ impl World {
                 .map(str::to_owned)
                 .into(),
             bookmarks: ["Globe", "Helsinki", "Golden Gate"].map(str::to_owned).into(),
+            sets: [("helsinki", "default", 84_123), ("boston", "east coast", 22_099)]
+                .map(|(name, world, objects)| SetRow { name: name.into(), world: world.into(), objects })
+                .into(),
         }
     }
 
@@ -73,6 +78,9 @@ impl World {
             world: "default",
             credits: &self.credits,
             bookmarks: &self.bookmarks,
+            sets: &self.sets,
+            hidden: CollectionSet::NONE.with(1),
+            is_opening: false,
             messages: &self.messages,
             playback: Playback::Recording { at_s: 12.0 },
         }
@@ -195,7 +203,7 @@ const SIZES: [([u32; 2], f32); 5] =
 fn all_panels_lie_inside_the_picture_and_leave_its_middle() {
     let world = World::new();
     for (size_px, scale) in SIZES {
-        for side in [Side::Settings, Side::Help] {
+        for side in [Side::Settings, Side::Help, Side::Sets] {
             let shown = world.shown(size_px);
             let mut window = Window::new(size_px, scale, all_open(side));
             window.panels.open_fly_to(&shown);
@@ -253,7 +261,7 @@ fn every_letter_has_a_picture() {
     shown.gpu_ms = None;
     let mut window = Window::new([1280, 720], 1.0, all_open(Side::Settings));
     let mut text = String::new();
-    for side in [Side::Settings, Side::Help] {
+    for side in [Side::Settings, Side::Help, Side::Sets] {
         window.panels.open.side = Some(side);
         text += &window.settle(&shown).all_text();
         shown.playback = Playback::Replaying { at_s: 1.0, of_s: 2.0 };
@@ -268,6 +276,35 @@ fn every_letter_has_a_picture() {
     };
     assert!(text.contains('▶') && text.contains('▼') && text.contains('●') && text.contains('–'));
     assert_eq!(text.chars().filter(lacks).collect::<String>(), "");
+}
+
+#[test]
+fn sets_are_listed_shown_and_hidden_and_a_typed_world_is_asked_for() {
+    let mut world = World::new();
+    world.messages = Messages::default();
+    let shown = world.shown([1280, 720]);
+    let mut window = Window::new([1280, 720], 1.0, all_open(Side::Sets));
+    let text = window.settle(&shown).all_text();
+    for part in ["helsinki", "boston", "east coast", "in default"] {
+        assert!(text.contains(part), "{part}: {text}");
+    }
+    // The second one is hidden.
+    assert_eq!(window.click_text(&shown, "helsinki"), [Action::ShowSet(0, false)]);
+    assert_eq!(window.click_text(&shown, "boston"), [Action::ShowSet(1, true)]);
+    assert_eq!(window.panels.take_world_asked(), None);
+    assert_eq!(window.click_text(&shown, "folder of a world"), []);
+    window.frame(&shown, vec![Event::Text(" /worlds/boston ".into())]);
+    // Letters of a path do nothing else.
+    assert_eq!(window.key(&shown, Key::H, Modifiers::NONE), []);
+    assert_eq!(window.panels.open.side, Some(Side::Sets));
+    assert_eq!(window.key(&shown, Key::Enter, Modifiers::NONE), []);
+    assert_eq!(window.panels.take_world_asked().as_deref(), Some("/worlds/boston"));
+    assert_eq!(window.panels.take_world_asked(), None);
+    world.sets.clear();
+    let mut shown = world.shown([1280, 720]);
+    shown.is_opening = true;
+    let text = window.settle(&shown).all_text();
+    assert!(text.contains("no building sets") && text.contains("being opened"), "{text}");
 }
 
 #[test]
@@ -325,6 +362,8 @@ fn keys_open_and_close_panels() {
         (window.panels.open, window.panels.overlays)
     };
     assert!(press(Key::T).0.hud && !press(Key::F1).0.hud);
+    assert_eq!(press(Key::H).0.side, Some(Side::Help));
+    assert_eq!(press(Key::B).0.side, Some(Side::Sets));
     assert_eq!(press(Key::H).0.side, Some(Side::Help));
     assert_eq!(press(Key::O).0.side, Some(Side::Settings));
     assert_eq!(press(Key::Escape).0.side, None);
@@ -467,7 +506,7 @@ fn no_value_makes_the_panels_fail() {
             let pages = PageCounts { resident: size.0, requested: size.0, failed: size.0, missing: size.0 };
             shown.pages = LayerCounts { terrain: pages, imagery: pages, objects: pages, index: pages };
             shown.playback = Playback::Replaying { at_s: wild, of_s: wild };
-            for side in [Side::Settings, Side::Help] {
+            for side in [Side::Settings, Side::Help, Side::Sets] {
                 let mut window = Window::new(size_px, scale, all_open(side));
                 window.panels.open_fly_to(&shown);
                 let frame = window.settle(&shown);

@@ -142,3 +142,15 @@ fn views_are_bounded_and_the_longest_unvisited_goes() {
     settings.remember_view("world 6", "h", pose(f64::NAN));
     assert_eq!(settings.last_view("world 6", "h"), None);
 }
+
+#[test]
+fn hidden_sets_are_kept_by_name_and_those_of_other_worlds_stay() {
+    let mut sets = SetSettings { hidden: vec!["elsewhere".into(), "a".into()], ..SetSettings::default() };
+    sets.keep([("a", false), ("b", true), ("c", true)].into_iter());
+    assert_eq!(sets.hidden, ["b", "c", "elsewhere"]);
+    let text = toml::to_string(&Settings { sets: sets.clone(), ..Settings::default() }).unwrap();
+    assert_eq!(toml::from_str::<Settings>(&text).unwrap().sets, sets);
+    let many: Vec<String> = (0..300).map(|at| at.to_string()).collect();
+    sets.keep(many.iter().map(|name| (&**name, true)));
+    assert_eq!((sets.hidden.len(), &*sets.hidden[0]), (HIDDEN_NAMES_MAX, "0"));
+}
