@@ -8,6 +8,7 @@
 //! All words are little-endian; every section and page carries magic, version and an xxh3 checksum.
 
 mod bytes;
+mod details;
 mod error;
 mod frame;
 mod imagery;

@@ -81,6 +81,7 @@ pub fn prism(
         foundation_m: foundation_m as f32,
         wall_color: [0; 3],
         roof_color: [0; 3],
+        detail: None,
     }
 }
 
