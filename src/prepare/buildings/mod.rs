@@ -4,9 +4,12 @@
 mod changeover;
 mod clean;
 mod color;
+mod faces;
+mod outline;
 mod pack;
 mod place;
 mod rules;
+mod shape;
 
 pub use changeover::{Changeover, Item, choose, deepest_level};
 pub use clean::{AREA_MIN_M2, Footprint, TOLERANCE_M, clean};
@@ -16,7 +19,7 @@ pub use rules::{Extent, HEIGHT_MAX_M, Rules, STOREY_M, storeys_by_area};
 
 use super::recipe::BuildingsSection;
 use super::source::{SourceFile, resolve};
-use super::vector::{EXTENSIONS, Feature, OsmBuildingCounts, read_footprints};
+use super::vector::{EXTENSIONS, Feature, OsmBuildingCounts, ReadOptions, read_footprints};
 use super::{OnProgress, PrepareError, Progress};
 use crate::content::Prism;
 use crate::forest::{CellId, LEVEL_MAX};
@@ -156,10 +159,16 @@ fn gather_file(
 ) -> Result<(), PrepareError> {
     let (sender, batches) = crossbeam_channel::bounded::<Vec<Feature>>(BATCHES_WAITING);
     let name = file.to_string();
+    let options = ReadOptions {
+        crs: section.crs.as_deref(),
+        layer: section.layer.as_deref(),
+        lod: rules::lod(section)?,
+        vertical: section.vertical,
+    };
     let summary = std::thread::scope(|scope| {
         let reader = std::thread::Builder::new().name("read footprints".into()).spawn_scoped(scope, move || {
             let mut batch = Vec::with_capacity(BATCH);
-            let read = read_footprints(file, section.crs.as_deref(), section.layer.as_deref(), &mut |feature| {
+            let read = read_footprints(file, &options, &mut |feature| {
                 batch.push(feature);
                 if batch.len() == BATCH {
                     // A worker that went away has an error of its own to tell.
@@ -197,7 +206,7 @@ struct Made {
 }
 
 fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result<Made, PrepareError> {
-    let mut notes = BTreeSet::new();
+    let mut notes = feature.notes.clone();
     let mut made = Made {
         objects: Vec::new(),
         names: Vec::new(),
@@ -205,31 +214,48 @@ fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result
         set_aside: None,
         own_colors: serde_json::Map::new(),
     };
+    let wrong_value = |wrong| {
+        let place = format!("feature {}", feature.number);
+        PrepareError::value(file, place, wrong, "mend the feature, or name another attribute in the recipe")
+    };
+    let shaped = feature.shape.as_ref().map(|shape| shape::prisms(feature, shape, rules, ground, &mut notes));
+    let unsound = match shaped {
+        Some(Ok(prisms)) => {
+            made.keep(prisms, feature, rules, notes);
+            return Ok(made);
+        }
+        Some(Err(shape::Failed::Attributes(wrong))) => return Err(wrong_value(wrong)),
+        Some(Err(shape::Failed::Unsound(reason))) => Some(reason),
+        None => None,
+    };
     let footprints = match clean(&feature.polygons, &mut notes) {
         Ok(footprints) => footprints,
         Err(reason) => {
-            made.set_aside = Some(reason);
+            made.set_aside = Some(unsound.unwrap_or(reason));
             return Ok(made);
         }
     };
+    if unsound.is_some() {
+        notes.insert("surfaces unsound: drawn up from the footprint");
+    }
     let area_m2 = footprints.iter().map(|footprint| footprint.area_m2).sum();
-    let extent = rules.extent(&feature.attributes, area_m2, &mut notes).map_err(|wrong| {
-        let place = format!("feature {}", feature.number);
-        PrepareError::value(file, place, wrong, "mend the feature, or name another attribute in the recipe")
-    })?;
+    let extent = rules.extent(&feature.attributes, area_m2, &mut notes).map_err(wrong_value)?;
     let whole = feature.ground.as_ref().map(|points| points.as_slice());
     let ground_m = place::ground_m(&footprints, whole, &extent, rules.vertical, ground);
-    let attributes = rules.kept(feature);
-    made.objects = footprints
-        .into_iter()
-        .map(|footprint| {
-            Placed::new(place::prism(footprint, &extent, ground_m, ground, &mut notes), attributes.clone())
-        })
-        .collect();
-    made.names = feature.attributes.keys().filter(|name| rules.keeps(name)).cloned().collect();
-    made.own_colors = rules.color_attributes(&feature.attributes);
-    made.notes = notes;
+    let prisms = footprints.into_iter().map(|footprint| place::prism(footprint, &extent, ground_m, ground, &mut notes));
+    let prisms = prisms.collect();
+    made.keep(prisms, feature, rules, notes);
     Ok(made)
+}
+
+impl Made {
+    fn keep(&mut self, prisms: Vec<Prism>, feature: &Feature, rules: &Rules, notes: BTreeSet<clean::Reason>) {
+        let attributes = rules.kept(feature);
+        self.objects = prisms.into_iter().map(|prism| Placed::new(prism, attributes.clone())).collect();
+        self.names = feature.attributes.keys().filter(|name| rules.keeps(name)).cloned().collect();
+        self.own_colors = rules.color_attributes(&feature.attributes);
+        self.notes = notes;
+    }
 }
 
 impl Gathered {
@@ -272,7 +298,8 @@ fn item(object: &Placed) -> Item {
 /// Bytes that an object takes in a page, about; pages are planned again by what they really take.
 fn bytes_about(object: &Placed) -> u32 {
     let corners: usize = object.prism.rings.iter().map(Vec::len).sum();
-    (16 + 4 * corners + object.attributes.len() / 4) as u32
+    let detail = object.prism.detail.as_ref().map_or(0, |detail| 4 * detail.corners.len() + 2 * detail.triangles());
+    (16 + 4 * corners + detail + object.attributes.len() / 4) as u32
 }
 
 fn bounds_deg(objects: &[Placed]) -> [f64; 4] {

@@ -10,7 +10,7 @@ use super::clean::{Footprint, Reason};
 use super::rules::Extent;
 use crate::content::Prism;
 use crate::forest::CellId;
-use crate::geodesy::{GeoBounds, SEMI_MAJOR_M, VerticalDatum};
+use crate::geodesy::{GeoBounds, Geodetic, SEMI_MAJOR_M, VerticalDatum};
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
@@ -27,7 +27,7 @@ const STEP_M: f64 = 10.0;
 /// Places along one wall; longer walls have them farther apart.
 const STEPS_MAX: f64 = 64.0;
 /// Visible walls are never less than this, metres.
-const WALL_MIN_M: f64 = 0.05;
+pub(super) const WALL_MIN_M: f64 = 0.05;
 
 /// Where a building's ground lies above the ellipsoid, metres.
 pub fn ground_m(
@@ -57,7 +57,7 @@ pub fn prism(
     ground: &Ground,
     notes: &mut BTreeSet<Reason>,
 ) -> Prism {
-    let center = bounds(footprint.rings[0].iter().copied()).center();
+    let center = center(&footprint);
     let top_m = ground_m + extent.height_m;
     let (base_m, foundation_m) = if extent.min_height_m > 0.0 {
         (ground_m + extent.min_height_m, 0.0)
@@ -105,8 +105,13 @@ fn bounds(points: impl Iterator<Item = [f64; 2]>) -> GeoBounds {
     })
 }
 
+/// Middle of a footprint's box, radians.
+pub fn center(footprint: &Footprint) -> Geodetic {
+    bounds(footprint.rings[0].iter().copied()).center()
+}
+
 /// Lowest terrain along the walls, metres.
-fn lowest_m(footprint: &Footprint, ground: &Ground) -> f64 {
+pub fn lowest_m(footprint: &Footprint, ground: &Ground) -> f64 {
     let ring = &footprint.rings[0];
     let mut lowest = f64::INFINITY;
     for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {

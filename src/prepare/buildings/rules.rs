@@ -108,8 +108,14 @@ impl Rules {
         if self.roof_shape(attributes).is_some_and(|shape| shape != "flat") {
             notes.insert("roof shape drawn flat");
         }
-        let base_m = self.base.as_ref().map(value).transpose()?.flatten();
+        let base_m = self.base_m(attributes)?;
         Ok(Extent { height_m, min_height_m, base_m })
+    }
+
+    /// What the source says of the ground, above its datum, metres.
+    pub fn base_m(&self, attributes: &Map<String, Value>) -> Result<Option<f64>, WrongType> {
+        let base = self.base.as_ref().map(|base| base.value(attributes)).transpose()?;
+        Ok(base.flatten().filter(|value| Some(*value) != self.nodata))
     }
 
     fn height_without(&self, levels: Option<f64>, area_m2: f64, notes: &mut BTreeSet<Reason>) -> f64 {
@@ -174,15 +180,24 @@ impl Rules {
 }
 
 fn refuse_what_is_not_yet(section: &BuildingsSection) -> Result<(), PrepareError> {
-    let given = [("lod", section.lod.is_some()), ("copies", section.copies.is_some())];
-    match given.into_iter().find(|(_, given)| *given) {
-        Some((key, _)) => {
-            let place = format!("[[buildings]] {:?}", section.name);
-            let what = format!("`{key}`");
-            Err(PrepareError::unsupported("the recipe", place, what, "take the key out to prepare the rest"))
-        }
-        None => Ok(()),
+    if section.copies.is_none() {
+        return Ok(());
     }
+    let place = format!("[[buildings]] {:?}", section.name);
+    Err(PrepareError::unsupported("the recipe", place, "`copies`", "take the key out to prepare the rest"))
+}
+
+/// The level of detail that a section asks for.
+pub fn lod(section: &BuildingsSection) -> Result<Option<f64>, PrepareError> {
+    let lod = match &section.lod {
+        None => return Ok(None),
+        Some(Amount::Number(number)) => Some(*number),
+        Some(Amount::Text(text)) => text.trim().parse().ok(),
+    };
+    lod.filter(|lod: &f64| (0.0..5.0).contains(lod)).map(Some).ok_or_else(|| {
+        let place = format!("[[buildings]] {:?}, lod", section.name);
+        PrepareError::value("the recipe", place, "it is no level of detail", "write lod = 2, or lod = 2.2")
+    })
 }
 
 /// Storeys where nothing is known but the footprint, the same for the same area: 1 below 48 m², 2 to 134 m², 3 to
@@ -237,7 +252,7 @@ mod tests {
     fn wrong_types_and_what_is_not_yet_are_errors() {
         let attributes = json!({"height": [1]});
         assert!(rules("").extent(attributes.as_object().unwrap(), 1.0, &mut BTreeSet::new()).is_err());
-        for keys in ["height = \"3 *\"", "lod = 2", "copies = \"a.csv\""] {
+        for keys in ["height = \"3 *\"", "copies = \"a.csv\""] {
             let section: BuildingsSection = toml::from_str(&format!("name = \"a\"\nfile = \"b\"\n{keys}")).unwrap();
             assert!(Rules::new(&section, VerticalDatum::Ellipsoid).is_err(), "{keys}");
         }
