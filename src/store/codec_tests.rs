@@ -242,8 +242,10 @@ fn detailed_page() -> Vec<u8> {
     encode_objects(&PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms }, &[]).unwrap()
 }
 
+type Faces = (FaceKind, Option<[u8; 3]>, Vec<[DetailCorner; 3]>);
+
 /// Positions of a detail's triangles, group by group.
-fn faces(detail: &Detail) -> Vec<(FaceKind, Option<[u8; 3]>, Vec<[DetailCorner; 3]>)> {
+fn faces(detail: &Detail) -> Vec<Faces> {
     let corner = |at: u32| detail.corners[at as usize];
     let group = |group: &FaceGroup| (group.kind, group.color, group.triangles.iter().map(|t| t.map(corner)).collect());
     detail.groups.iter().map(group).collect()

@@ -95,7 +95,7 @@ impl Faces {
         for start in 0..self.faces.len() {
             if turned[start].is_none() {
                 let part = connected(start, &links, &mut turned);
-                let inwards = self.looks_inwards(&part);
+                let inwards = self.looks_inwards(&part, &links);
                 for (at, flip) in part {
                     if flip != inwards {
                         self.faces[at].turn();
@@ -108,30 +108,26 @@ impl Faces {
     }
 
     /// Whether a part, some of its faces turned, looks inwards on the whole: by its roofs and floors where they are
-    /// named, else by its volume about its middle.
-    fn looks_inwards(&self, part: &[(usize, bool)]) -> bool {
+    /// named; a closed one by its volume; else as most of its faces did in the source.
+    fn looks_inwards(&self, part: &[(usize, bool)], links: &[Vec<(usize, bool)>]) -> bool {
         let sign = |flip: bool| if flip { -1.0 } else { 1.0 };
-        let mut up = 0.0;
-        let (mut middle, mut count) = (DVec3::ZERO, 0.0);
-        for &(at, flip) in part {
-            let face = &self.faces[at];
-            let area = sign(flip) * face.normal.z * self.area_m2(face);
-            match face.kind {
-                SurfaceKind::Roof => up += area,
-                SurfaceKind::Ground => up -= area,
-                _ => {}
-            }
-            for &corner in face.rings.iter().flatten() {
-                middle += self.corners[corner as usize];
-                count += 1.0;
-            }
+        let sum = |value: &dyn Fn(&Face) -> f64| -> f64 {
+            part.iter().map(|&(at, flip)| sign(flip) * value(&self.faces[at])).sum()
+        };
+        let up_m2 = sum(&|face| match face.kind {
+            SurfaceKind::Roof => face.normal.z * self.area_m2(face),
+            SurfaceKind::Ground => -face.normal.z * self.area_m2(face),
+            _ => 0.0,
+        });
+        if up_m2.abs() > AREA_MIN_M2 {
+            return up_m2 < 0.0;
         }
-        middle /= f64::max(count, 1.0);
-        if up.abs() > AREA_MIN_M2 {
-            return up < 0.0;
+        let edges = |face: &Face| face.rings.iter().map(Vec::len).sum::<usize>();
+        if part.iter().all(|&(at, _)| links[at].len() == edges(&self.faces[at])) {
+            let from = self.corners[self.faces[part[0].0].rings[0][0] as usize];
+            return sum(&|face| self.volume_m3(face, from)) < 0.0;
         }
-        let volume: f64 = part.iter().map(|&(at, flip)| sign(flip) * self.volume_m3(&self.faces[at], middle)).sum();
-        volume < 0.0
+        sum(&|face| self.area_m2(face)) < 0.0
     }
 
     fn area_m2(&self, face: &Face) -> f64 {

@@ -145,12 +145,15 @@ fn nearest(outlines: &[Polygon], faces: &Faces, triangle: &[u32; 3]) -> usize {
     distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(at, _)| at)
 }
 
+/// What a group of faces is, and its colour.
+type Paint = (FaceKind, Option<[u8; 3]>);
+
 /// A detail in the making.
 #[derive(Default)]
 struct Part {
     corners: Vec<DetailCorner>,
     numbers: HashMap<u32, u32>,
-    groups: BTreeMap<(FaceKind, Option<[u8; 3]>), Vec<[u32; 3]>>,
+    groups: BTreeMap<Paint, Vec<[u32; 3]>>,
 }
 
 impl Part {

@@ -66,9 +66,9 @@ const WITH_NATIONAL_HEIGHTS: [&str; 3] = ["EPSG:28992", "EPSG:2056", "EPSG:21781
 /// is, for [`ToLonLat::new`] to complain of.
 pub fn heights_of(name: &str) -> (String, Heights) {
     let name = plain_name(name);
-    let parts = Proj::new(&name).and_then(|proj| {
+    let parts = Proj::new(&name).map(|proj| {
         let text = proj.to_projjson(None, None, None).unwrap_or_default();
-        Ok(serde_json::from_str::<Value>(&text).unwrap_or_default())
+        serde_json::from_str::<Value>(&text).unwrap_or_default()
     });
     let Ok(system) = parts else { return (name, Heights::Unknown) };
     match system["type"].as_str() {

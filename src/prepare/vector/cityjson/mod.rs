@@ -207,25 +207,32 @@ fn oldest(mut at: usize, objects: &[(String, CityObject)], by_name: &HashMap<&st
 
 /// Parts of one building share its lowest point and its ground.
 fn settle_families(shapes: &mut [Found], families: &[usize]) {
-    let mut wholes: HashMap<usize, (f64, Vec<[f64; 2]>, u32)> = HashMap::new();
+    let mut wholes: HashMap<usize, Whole> = HashMap::new();
     for (found, family) in shapes.iter().zip(families) {
         let Found::Feature(feature) = found else { continue };
         let Some(shape) = &feature.shape else { continue };
-        let whole = wholes.entry(*family).or_insert((f64::INFINITY, Vec::new(), 0));
-        whole.0 = whole.0.min(shape.lowest_m);
-        whole.1.extend(box_of(&shape.surfaces));
-        whole.2 += 1;
+        let whole = wholes.entry(*family).or_insert(Whole { lowest_m: f64::INFINITY, points: Vec::new(), parts: 0 });
+        whole.lowest_m = whole.lowest_m.min(shape.lowest_m);
+        whole.points.extend(box_of(&shape.surfaces));
+        whole.parts += 1;
     }
-    wholes.retain(|_, whole| whole.2 > 1);
-    let wholes: HashMap<usize, (f64, Arc<Vec<[f64; 2]>>)> =
-        wholes.into_iter().map(|(family, (lowest_m, points, _))| (family, (lowest_m, Arc::new(points)))).collect();
+    let shared = wholes.into_iter().filter(|(_, whole)| whole.parts > 1);
+    let shared: HashMap<usize, _> = shared.map(|(at, whole)| (at, (whole.lowest_m, Arc::new(whole.points)))).collect();
     for (found, family) in shapes.iter_mut().zip(families) {
-        let (Found::Feature(feature), Some((lowest_m, points))) = (found, wholes.get(family)) else { continue };
+        let (Found::Feature(feature), Some((lowest_m, points))) = (found, shared.get(family)) else { continue };
         feature.ground = Some(points.clone());
         if let Some(shape) = &mut feature.shape {
             shape.lowest_m = *lowest_m;
         }
     }
+}
+
+/// A building of one part or several.
+struct Whole {
+    lowest_m: f64,
+    /// Corners of its parts' boxes, degrees.
+    points: Vec<[f64; 2]>,
+    parts: usize,
 }
 
 /// Two corners round the surfaces, degrees; none round nothing.
