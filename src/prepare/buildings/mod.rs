@@ -8,6 +8,7 @@ mod faces;
 mod outline;
 mod pack;
 mod place;
+mod roof;
 mod rules;
 mod shape;
 
@@ -242,8 +243,12 @@ fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result
     let extent = rules.extent(&feature.attributes, area_m2, &mut notes).map_err(wrong_value)?;
     let whole = feature.ground.as_ref().map(|points| points.as_slice());
     let ground_m = place::ground_m(&footprints, whole, &extent, rules.vertical, ground);
-    let prisms = footprints.into_iter().map(|footprint| place::prism(footprint, &extent, ground_m, ground, &mut notes));
-    let prisms = prisms.collect();
+    let roof = rules.roof(&feature.attributes, &mut notes);
+    let drawn_up = |footprint| match &roof {
+        Some(roof) => place::roofed(footprint, &extent, roof, ground_m, ground, &mut notes),
+        None => place::prism(footprint, &extent, ground_m, ground, &mut notes),
+    };
+    let prisms = footprints.into_iter().map(drawn_up).collect();
     made.keep(prisms, feature, rules, notes);
     Ok(made)
 }

@@ -7,7 +7,8 @@
 //! terrain's error there, so that no corner floats.
 
 use super::clean::{Footprint, Reason};
-use super::rules::Extent;
+use super::roof::RoofRule;
+use super::rules::{DRAWN_FLAT, Extent};
 use crate::content::Prism;
 use crate::forest::CellId;
 use crate::geodesy::{GeoBounds, Geodetic, SEMI_MAJOR_M, VerticalDatum};
@@ -85,6 +86,36 @@ pub fn prism(
     }
 }
 
+/// The prism over one footprint with its roof; where the roof cannot be drawn there, it is flat and that is noted.
+pub fn roofed(
+    footprint: Footprint,
+    extent: &Extent,
+    roof: &RoofRule,
+    ground_m: f64,
+    ground: &Ground,
+    notes: &mut BTreeSet<Reason>,
+) -> Prism {
+    let room_m = extent.height_m - extent.min_height_m;
+    let mut roof_m = roof.height_m(&footprint, room_m, notes);
+    let mut extent = *extent;
+    if extent.to_eaves {
+        extent.height_m += roof_m;
+    } else if roof_m > room_m {
+        notes.insert("roof higher than its building: cut down");
+        roof_m = room_m;
+    }
+    let shape = footprint.clone();
+    let mut prism = prism(footprint, &extent, ground_m, ground, notes);
+    // The base may lie above the eaves, on a slope.
+    let eaves_m = ground_m + extent.height_m - roof_m;
+    let foot_m = f64::from(prism.base_m).min(eaves_m);
+    prism.detail = roof.detail(&shape, foot_m, eaves_m, f64::from(prism.top_m));
+    if prism.detail.is_none() {
+        notes.insert(DRAWN_FLAT);
+    }
+    prism
+}
+
 /// A longitude within ±π.
 pub fn wrap(lon_rad: f64) -> f64 {
     (lon_rad + PI).rem_euclid(2.0 * PI) - PI
@@ -152,24 +183,24 @@ mod tests {
 
     #[test]
     fn the_terrain_carries_a_building_and_no_corner_floats() {
-        let prism = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: None });
+        let prism = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: None, to_eaves: false });
         assert!((prism.base_m - 50.0).abs() < 1e-3 && (prism.top_m - 62.0).abs() < 1e-3);
         assert!((prism.foundation_m - 1.3).abs() < 1e-2, "{}", prism.foundation_m);
     }
 
     #[test]
     fn a_given_base_holds_the_roof_whatever_the_terrain() {
-        let low = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: Some(45.0) });
+        let low = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: Some(45.0), to_eaves: false });
         assert!((low.top_m - 57.0).abs() < 1e-3 && (low.base_m - 50.0).abs() < 1e-3);
         assert!((low.base_m - low.foundation_m - 44.7).abs() < 1e-2);
-        let high = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: Some(55.0) });
+        let high = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: Some(55.0), to_eaves: false });
         assert!((high.top_m - 67.0).abs() < 1e-3 && (high.base_m - 55.0).abs() < 1e-3);
         assert!(high.base_m - high.foundation_m < 48.8);
     }
 
     #[test]
     fn parts_in_the_air_have_no_foundation() {
-        let prism = placed(Extent { height_m: 12.0, min_height_m: 4.0, base_m: None });
+        let prism = placed(Extent { height_m: 12.0, min_height_m: 4.0, base_m: None, to_eaves: false });
         assert_eq!((prism.base_m.round(), prism.top_m.round(), prism.foundation_m), (54.0, 62.0, 0.0));
     }
 

@@ -2,6 +2,7 @@
 
 use super::clean::Reason;
 use super::color;
+use super::roof::{RoofRule, RoofShape};
 use crate::geodesy::VerticalDatum;
 use crate::prepare::PrepareError;
 use crate::prepare::expression::{Expression, WrongType};
@@ -32,6 +33,9 @@ pub struct Rules {
     pub vertical: VerticalDatum,
 }
 
+/// The note on roofs that cannot be drawn as they are.
+pub const DRAWN_FLAT: Reason = "roof shape drawn flat";
+
 /// The vertical extent of a building, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
@@ -41,6 +45,8 @@ pub struct Extent {
     pub min_height_m: f64,
     /// The ground itself above the source's datum, where the source says.
     pub base_m: Option<f64>,
+    /// The height counts to the eaves, as storeys do, and not to the roof's top.
+    pub to_eaves: bool,
 }
 
 impl Rules {
@@ -86,13 +92,16 @@ impl Rules {
             expression.value(attributes).map(|value| value.filter(|value| Some(*value) != self.nodata))
         };
         let given = value(&self.height)?;
+        let mut to_eaves = false;
         let height_m = match given.filter(|height| (0.01..=HEIGHT_MAX_M).contains(height)) {
             Some(height) => height,
             None => {
                 if given.is_some() {
                     notes.insert("height not above 0 or beyond 1500 m: ignored");
                 }
-                self.height_without(value(&self.levels)?, area_m2, notes)
+                let levels = value(&self.levels)?.filter(|n| *n > 0.0 && n * STOREY_M <= HEIGHT_MAX_M);
+                to_eaves = levels.is_some();
+                self.height_without(levels, area_m2, notes)
             }
         };
         let mut min_height_m = value(&self.min_height)?.unwrap_or(0.0);
@@ -105,11 +114,8 @@ impl Rules {
             notes.insert("underside not below the roof: ignored");
             min_height_m = 0.0;
         }
-        if self.roof_shape(attributes).is_some_and(|shape| shape != "flat") {
-            notes.insert("roof shape drawn flat");
-        }
         let base_m = self.base_m(attributes)?;
-        Ok(Extent { height_m, min_height_m, base_m })
+        Ok(Extent { height_m, min_height_m, base_m, to_eaves })
     }
 
     /// What the source says of the ground, above its datum, metres.
@@ -119,7 +125,7 @@ impl Rules {
     }
 
     fn height_without(&self, levels: Option<f64>, area_m2: f64, notes: &mut BTreeSet<Reason>) -> f64 {
-        if let Some(levels) = levels.filter(|levels| *levels > 0.0 && levels * STOREY_M <= HEIGHT_MAX_M) {
+        if let Some(levels) = levels {
             notes.insert("height from levels, 3.2 m each");
             return levels * STOREY_M;
         }
@@ -131,22 +137,29 @@ impl Rules {
         f64::from(storeys_by_area(area_m2)) * STOREY_M
     }
 
-    /// The shape by attribute, or the one that the section names.
-    fn roof_shape<'a>(&'a self, attributes: &'a Map<String, Value>) -> Option<&'a str> {
-        const SHAPES: [&str; 8] = ["flat", "gabled", "hipped", "pyramidal", "skillion", "dome", "half-hipped", "round"];
-        match attributes.get(&self.roof) {
-            Some(value) => value.as_str(),
-            None => Some(self.roof.as_str()).filter(|roof| SHAPES.contains(roof)),
-        }
+    /// The roof to draw, by attribute or as the section names it; `None` for flat ones, and, noted, for shapes that
+    /// cannot be drawn.
+    pub fn roof(&self, attributes: &Map<String, Value>, notes: &mut BTreeSet<Reason>) -> Option<RoofRule> {
+        let named = attributes.get(&self.roof).map(|value| value.as_str().unwrap_or_default());
+        let shape = match named {
+            Some(name) => RoofShape::parse(name).or_else(|| {
+                notes.insert(DRAWN_FLAT);
+                None
+            }),
+            None => RoofShape::parse(&self.roof),
+        };
+        shape.filter(|shape| *shape != RoofShape::Flat).map(|shape| RoofRule::new(shape, attributes))
     }
 
     /// Walls and roof: by the section, by the usual attributes, or by a palette in order of `ordinal`.
     pub fn colors(&self, attributes: &Map<String, Value>, ordinal: u32) -> ([u8; 3], [u8; 3]) {
         let named = |key: &str| attributes.get(key).and_then(Value::as_str).and_then(color::parse);
-        let (wall, roof) = color::palette(ordinal);
+        let (wall_of_palette, roof) = color::palette(ordinal);
         let by_section = self.color.as_ref().and_then(|color| color::parse(color).or_else(|| named(color)));
-        let wall = by_section.or_else(|| named("building:colour")).or_else(|| named("colour")).unwrap_or(wall);
-        (wall, named("roof:colour").unwrap_or(roof))
+        let of = |key: &str| attributes.get(key).and_then(Value::as_str).and_then(color::of_material);
+        let wall = by_section.or_else(|| named("building:colour")).or_else(|| named("colour"));
+        let wall = wall.or_else(|| of("building:material")).unwrap_or(wall_of_palette);
+        (wall, named("roof:colour").or_else(|| of("roof:material")).unwrap_or(roof))
     }
 
     /// Whether an attribute is kept.
@@ -156,7 +169,7 @@ impl Rules {
 
     /// Those of the attributes that [`Rules::colors`] looks at.
     pub fn color_attributes(&self, attributes: &Map<String, Value>) -> Map<String, Value> {
-        let usual = ["building:colour", "colour", "roof:colour"];
+        let usual = ["building:colour", "colour", "roof:colour", "building:material", "roof:material"];
         let names = usual.into_iter().chain(self.color.as_deref());
         names.filter_map(|name| Some((name.to_owned(), attributes.get(name)?.clone()))).collect()
     }

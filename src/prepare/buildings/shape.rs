@@ -63,7 +63,7 @@ fn raise_m(
     ground: &Ground,
 ) -> f64 {
     let level_m = |base_m: Option<f64>, vertical: VerticalDatum| {
-        let extent = Extent { height_m: 0.0, min_height_m: 0.0, base_m };
+        let extent = Extent { height_m: 0.0, min_height_m: 0.0, base_m, to_eaves: false };
         place::ground_m(footprints, whole, &extent, vertical, ground)
     };
     match (base_m, shape.vertical) {
