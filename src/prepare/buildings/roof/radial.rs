@@ -3,6 +3,7 @@
 use super::{Levels, RoofMesh, RoofShape};
 use crate::content::FaceKind;
 use geo::{Centroid, Coord, LineString, Polygon};
+use std::f64::consts::FRAC_1_SQRT_2;
 
 /// Share of the outline's distance from its middle, and of the roof's height, from the eaves to the top.
 type Profile = &'static [[f64; 2]];
@@ -13,7 +14,7 @@ const DOME: Profile = &[
     [1.0, 0.0],
     [0.965_926, 0.258_819],
     [0.866_025, 0.5],
-    [0.707_107, 0.707_107],
+    [FRAC_1_SQRT_2, FRAC_1_SQRT_2],
     [0.5, 0.866_025],
     [0.258_819, 0.965_926],
     [0.0, 1.0],
