@@ -13,6 +13,7 @@ pub mod expression;
 mod geotiff_write;
 pub mod imagery;
 pub mod imagery_source;
+pub mod model;
 pub mod paint;
 pub mod pipeline;
 pub mod placement;

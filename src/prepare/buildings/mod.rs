@@ -13,11 +13,12 @@ mod rules;
 mod shape;
 
 pub use changeover::{Changeover, Item, choose, deepest_level};
-pub use clean::{AREA_MIN_M2, Footprint, TOLERANCE_M, clean};
+pub use clean::{AREA_MIN_M2, Footprint, Reason, TOLERANCE_M, clean};
 pub use pack::{PAGE_BYTES_MAX, PagePlan, plan};
 pub use place::Ground;
 pub use rules::{Extent, HEIGHT_MAX_M, Rules, STOREY_M, storeys_by_area};
 
+use super::model::Model;
 use super::recipe::BuildingsSection;
 use super::source::{SourceFile, resolve};
 use super::vector::{EXTENSIONS, Feature, OsmBuildingCounts, ReadOptions, read_footprints};
@@ -29,6 +30,7 @@ use crate::store::{CollectionInfo, PrismPage, SourceInfo, encode_objects};
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Features that are worked on as one task.
 const BATCH: usize = 1024;
@@ -141,10 +143,14 @@ pub fn gather(
     progress: OnProgress<'_>,
 ) -> Result<Gathered, PrepareError> {
     let rules = Rules::new(section, section.vertical.unwrap_or(vertical))?;
-    let files = resolve(root, &section.file, &EXTENSIONS)?;
+    let model = match &section.model {
+        Some(model) => Some(Arc::new(Model::read(&root.join(&model.file), model.error_m)?)),
+        None => None,
+    };
+    let files = resolve(root, &section.file, if model.is_some() { &["csv"] } else { &EXTENSIONS })?;
     let mut gathered = Gathered::default();
     for file in &files {
-        gather_file(section, file, &rules, ground, &mut gathered, progress)?;
+        gather_file(section, file, model.clone(), &rules, ground, &mut gathered, progress)?;
     }
     Ok(gathered)
 }
@@ -153,6 +159,7 @@ pub fn gather(
 fn gather_file(
     section: &BuildingsSection,
     file: &SourceFile,
+    model: Option<Arc<Model>>,
     rules: &Rules,
     ground: &Ground,
     gathered: &mut Gathered,
@@ -169,14 +176,18 @@ fn gather_file(
     let summary = std::thread::scope(|scope| {
         let reader = std::thread::Builder::new().name("read footprints".into()).spawn_scoped(scope, move || {
             let mut batch = Vec::with_capacity(BATCH);
-            let read = read_footprints(file, &options, &mut |feature| {
+            let mut visit = |feature| {
                 batch.push(feature);
                 if batch.len() == BATCH {
                     // A worker that went away has an error of its own to tell.
                     let _ = sender.send(std::mem::replace(&mut batch, Vec::with_capacity(BATCH)));
                 }
                 Ok(())
-            });
+            };
+            let read = match model {
+                Some(model) => super::model::read(file, model, &mut visit),
+                None => read_footprints(file, &options, &mut visit),
+            };
             let _ = sender.send(batch);
             read
         });
@@ -219,6 +230,13 @@ fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result
         let place = format!("feature {}", feature.number);
         PrepareError::value(file, place, wrong, "mend the feature, or name another attribute in the recipe")
     };
+    if let Some(model) = &feature.model {
+        match shape::set_down(model, feature, rules, ground, &mut notes) {
+            Ok(prism) => made.keep(vec![prism], feature, rules, notes),
+            Err(reason) => made.set_aside = Some(reason),
+        }
+        return Ok(made);
+    }
     let shaped = feature.shape.as_ref().map(|shape| shape::prisms(feature, shape, rules, ground, &mut notes));
     let unsound = match shaped {
         Some(Ok(prisms)) => {

@@ -5,7 +5,7 @@
 //! terrain. Differences of height stay as they are.
 
 use super::Rules;
-use super::clean::{Footprint, Reason};
+use super::clean::{Footprint, Reason, clean};
 use super::faces::{Face, Faces};
 use super::outline::outline;
 use super::place::{self, Ground, WALL_MIN_M};
@@ -14,6 +14,7 @@ use crate::content::{Detail, DetailCorner, FaceGroup, FaceKind, Prism};
 use crate::forest::CellId;
 use crate::geodesy::VerticalDatum;
 use crate::prepare::expression::WrongType;
+use crate::prepare::model::Placement;
 use crate::prepare::vector::{Feature, Shape, SurfaceKind};
 use geo::{Distance, Euclidean, LineString, Point, Polygon};
 use glam::DVec3;
@@ -51,6 +52,28 @@ pub fn prisms(
     let prisms: Vec<Prism> =
         parts.map(|(footprint, detail)| prism(footprint, detail, shape.lowest_m + raise_m, ground, notes)).collect();
     if prisms.is_empty() { Err(Failed::Unsound("no surface above the ground")) } else { Ok(prisms) }
+}
+
+/// The prism of a model that is set down: at its height, or its origin on the terrain.
+pub fn set_down(
+    model: &Placement,
+    feature: &Feature,
+    rules: &Rules,
+    ground: &Ground,
+    notes: &mut BTreeSet<Reason>,
+) -> Result<Prism, Reason> {
+    // The hull is of our own making, and may turn out clockwise under a mirror.
+    let footprint = clean(&feature.polygons, &mut BTreeSet::new())?.into_iter().next().ok_or("no area")?;
+    let origin_m = match model.height_m {
+        Some(height_m) => height_m + rules.vertical.undulation_m(model.lat_rad, model.lon_rad),
+        None => (ground.height_m)(model.lat_rad, model.lon_rad),
+    };
+    let detail = model.detail(origin_m)?;
+    let mut prism = prism(footprint, detail, origin_m, ground, notes);
+    // A model has no foundation: a tree's crown must not stand on a wall.
+    let low_m = prism.detail.as_ref().and_then(Detail::height_range_m).map_or(prism.base_m, |range| range.0);
+    prism.foundation_m = (prism.base_m - low_m).max(0.0);
+    Ok(prism)
 }
 
 /// What to add to the source's heights, metres.

@@ -1,6 +1,7 @@
 //! A feature as its source has it.
 
 use crate::geodesy::VerticalDatum;
+use crate::prepare::model::Placement;
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;
 
@@ -22,6 +23,8 @@ pub struct Feature {
     pub ground: Option<std::sync::Arc<Vec<[f64; 2]>>>,
     /// Its surfaces, where the source has them; the polygons are then only what it can fall back to.
     pub shape: Option<Shape>,
+    /// A model set down there, with its hull as polygon.
+    pub model: Option<Placement>,
     /// What its reader had to assume; counted beside what is repaired.
     pub notes: BTreeSet<&'static str>,
 }
