@@ -1,6 +1,6 @@
 // Objects: walls and roofs in their own colours, lit by the sun and the sky, lifted on to the drawn ground.
 
-// What all triangles of an object share.
+// What triangles of one look share: an object's own, or other colours on some of its faces.
 struct ObjectRecord {
     // Middle of the footprint's box at the base, from the mesh's origin, metres.
     place_m: vec3<f32>,
@@ -9,7 +9,9 @@ struct ObjectRecord {
     // sRGB, red in the lowest byte.
     wall_color: u32,
     roof_color: u32,
-    spare: vec2<u32>,
+    // Index of the object's lift.
+    lift: u32,
+    spare: u32,
 }
 
 // A page in this frame.
@@ -26,7 +28,7 @@ struct ObjectsPlace {
 
 struct ObjectVertex {
     @location(0) position_m: vec3<f32>,
-    // Object, azimuth, surface in 16, 8, 8 bits from the lowest.
+    // From the lowest: look in 16 bits; the normal's octahedral x and y in 8 and 7, signed; 0 for walls.
     @location(1) packed: u32,
 }
 
@@ -54,21 +56,27 @@ fn lit(albedo: vec3<f32>, normal: vec3<f32>, up: vec3<f32>, above_base_m: f32) -
     return albedo * (sky * shade + sun * mix(0.9, 1.0, shade)) * mix(0.04, 1.0, daylight(up));
 }
 
+// East, north, up of an octahedral normal: 8 and 7 bits in two's complement.
+fn facing_of(bits: u32) -> vec3<f32> {
+    let at = vec2<f32>(f32(i32(bits << 24u) >> 24u) / 127.0, f32(i32(bits << 17u) >> 25u) / 63.0);
+    let up = 1.0 - abs(at.x) - abs(at.y);
+    let fold = max(-up, 0.0);
+    return normalize(vec3<f32>(at - select(vec2<f32>(-fold), vec2<f32>(fold), at >= vec2<f32>(0.0)), up));
+}
+
 @vertex
 fn vs_main(vertex: ObjectVertex, @builtin(instance_index) instance: u32) -> ObjectVarying {
-    let index = vertex.packed & 0xffffu;
-    let turn = f32(vertex.packed >> 16u & 0xffu) * (6.2831853 / 256.0);
-    let is_roof = vertex.packed >> 24u != 0u;
-    let record = records[index];
+    let is_roof = vertex.packed >> 31u != 0u;
+    let record = records[vertex.packed & 0xffffu];
     let offset = places[instance].offset;
     let place = record.place_m + offset;
     let up = up_at(place);
     // Ground that is pressed down takes the objects on it along, but never below their base.
-    let lift_m = max(lifts[index] - press_at(place), 0.0);
+    let lift_m = max(lifts[record.lift] - press_at(place), 0.0);
     let from_eye = vertex.position_m + offset + up * lift_m;
     let east = east_at(up);
-    let wall = cos(turn) * east + sin(turn) * cross(up, east);
-    let normal = select(wall, up, is_roof);
+    let facing = facing_of(vertex.packed >> 16u);
+    let normal = facing.x * east + facing.y * cross(up, east) + facing.z * up;
     let albedo = linear_from_srgb(unpack4x8unorm(select(record.wall_color, record.roof_color, is_roof)).rgb);
     let above_base_m = select(dot(vertex.position_m - record.place_m, up), SHADE_M, is_roof);
     var out: ObjectVarying;

@@ -13,10 +13,15 @@ use stoop::cells::LiveTree;
 use stoop::content::{CellObjects, FIRST_GROUPS, Object, ObjectMesh, ObjectPage, Page, PageId, PageKind};
 use stoop::forest::index::{IndexForest, IndexTree, NodeInfo, ObjectsBelow, ObjectsEntry, Place, TerrainEntry};
 use stoop::forest::{CellId, Quadrant, Zone};
-use stoop::select::{Demand, ObjectsMode, OutOfView, SelectParams, Selection, select, select_raised};
+use stoop::select::{CollectionSet, Demand, ObjectsMode, OutOfView, SelectParams, Selection, select, select_raised};
 
-const PARAMS: SelectParams =
-    SelectParams { tolerance_px: 1.0, threshold_px: 1.0, objects: ObjectsMode::Groups, out_of_view: OutOfView::Left };
+const PARAMS: SelectParams = SelectParams {
+    tolerance_px: 1.0,
+    threshold_px: 1.0,
+    objects: ObjectsMode::Groups,
+    out_of_view: OutOfView::Left,
+    hidden: CollectionSet::NONE,
+};
 const LAT_DEG: f64 = 33.755;
 const LON_DEG: f64 = -84.39;
 const DIMENSION_M: f64 = 1000.0;
@@ -108,6 +113,7 @@ fn page(page: PageId) -> Page {
         cells: cells.collect(),
         objects,
         footprints: Default::default(),
+        looks: Vec::new(),
     };
     Page::Objects(Arc::new(drawn), Arc::new(ObjectMesh::default()))
 }

@@ -197,7 +197,8 @@ fn what_cannot_be_stored_is_refused() {
     let terrain = Some(TerrainEntry { place: Place { offset: 0, len: 8 }, error_m: 1.0 });
     let apart = NodeInfo { terrain, imagery: Some(Place { offset: 9, len: 8 }), ..NodeInfo::default() };
     assert_eq!(build(apart), Err(IndexError::Apart(zone.root())));
-    let entry = ObjectsEntry { collection: 0, rep: 0, place: Place { offset: 0, len: 1 }, dimension_m: 1.0 };
+    let entry =
+        ObjectsEntry { collection: 0, rep: 0, place: Place { offset: 0, len: 1 }, dimension_m: 1.0, error_m: 0.0 };
     let many = NodeInfo { objects: vec![entry; 256], ..NodeInfo::default() };
     assert_eq!(build(many), Err(IndexError::TooManyObjects(zone.root())));
     let child = zone.root().child(Quadrant::SouthWest).expect("level 1 exists");

@@ -247,6 +247,7 @@ fn made_up_city() -> Selection {
             foundation_m: 2.0,
             wall_color: [0; 3],
             roof_color: [0; 3],
+            detail: None,
         }
     };
     let (page, _) = ObjectPage::from_prisms(root, 0, 0, 0.0, (0..20_000).map(house).collect());

@@ -121,6 +121,7 @@ fn house(id: u32, column: i32, row: i32) -> Prism {
         foundation_m: 5.0,
         wall_color: [214 - 5 * hash as u8, 196 - 6 * hash as u8, 160 - 6 * hash as u8],
         roof_color: [128, 88 + 2 * hash as u8, 78],
+        detail: None,
     }
 }
 

@@ -69,6 +69,7 @@ fn houses(root: CellId) -> PrismPage {
             foundation_m: 2.0,
             wall_color: [210, 200, 190],
             roof_color: [140, 70, 60],
+            detail: None,
         }
     });
     PrismPage { root, collection: 0, rep: 0, error_m: 0.01, prisms: prisms.collect() }

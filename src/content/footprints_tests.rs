@@ -25,6 +25,7 @@ fn courtyard(lat_rad: f64, lon_rad: f64, size_m: f64, cell: CellId) -> Prism {
         foundation_m: 3.0,
         wall_color: [0; 3],
         roof_color: [0; 3],
+        detail: None,
     }
 }
 

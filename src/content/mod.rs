@@ -1,6 +1,7 @@
 //! Decoded pages: terrain surfaces, imagery, objects, segments of the index. No files, no GPU.
 
 mod cut;
+mod detail;
 mod footprints;
 mod imagery;
 mod objects;
@@ -9,11 +10,12 @@ pub mod rtin;
 mod surface;
 mod terrain;
 
+pub use detail::{Detail, DetailCorner, FaceGroup, FaceKind};
 pub use footprints::{Ball, Footprints};
 pub use imagery::{
     IMAGERY_GUTTER_PX, IMAGERY_PX, IMAGERY_STORED_PX, ImageryPage, WORLD_IMAGE_COARSER, WORLD_IMAGE_MIP,
 };
-pub use objects::{CellObjects, Object, ObjectMesh, ObjectPage, ObjectVertex};
+pub use objects::{CellObjects, Look, Object, ObjectMesh, ObjectPage, ObjectVertex};
 pub use prism::{Footprint, Prism};
 pub use surface::Surface;
 pub use terrain::{TerrainMesh, TerrainPage, TerrainPost, TerrainVertex, border_posts};

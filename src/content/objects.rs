@@ -1,11 +1,14 @@
-//! Objects of one collection in a subtree of small cells: prisms over footprints, with walls and flat roofs.
+//! Objects of one collection in a subtree of small cells: prisms over footprints, with walls and
+//! flat roofs, or with details in place of those.
 
+use super::detail::Looks;
 use super::footprints::Footprints;
 use super::prism::Prism;
 use super::{PageId, PageKind};
 use crate::forest::CellId;
 use crate::geodesy::{Ecef, Point};
 use bytemuck::{Pod, Zeroable};
+use glam::DVec3;
 use std::ops::Range;
 
 /// What is known of a drawn object.
@@ -35,12 +38,44 @@ pub struct Object {
 pub struct ObjectVertex {
     /// From the mesh's origin, ECEF axes, metres.
     pub position_m: [f32; 3],
+    /// Number of its look: the object's index in the page, or beyond the objects one of [`ObjectPage::looks`].
+    pub look: u16,
+    /// Outward normal in the east-north-up frame of the object's place, octahedral (Meyer et al. 2010): x in 127ths in
+    /// the lowest 8 bits, y in 63rds in the next 7, both in two's complement; the highest bit is 0 for walls.
+    pub facing: u16,
+}
+
+impl ObjectVertex {
+    /// A face's normal, of any length above 0, and whether it takes the second colour of its look.
+    pub fn facing(enu: DVec3, is_no_wall: bool) -> u16 {
+        let n = enu / (enu.x.abs() + enu.y.abs() + enu.z.abs());
+        let fold = |a: f64, b: f64| if n.z < 0.0 { (1.0 - b.abs()).copysign(a) } else { a };
+        let x = (fold(n.x, n.y) * 127.0).round() as i16 & 0xff;
+        let y = (fold(n.y, n.x) * 63.0).round() as i16 & 0x7f;
+        x as u16 | (y as u16) << 8 | u16::from(is_no_wall) << 15
+    }
+
+    /// The unit normal in the east-north-up frame of the object's place, good to a degree and a half.
+    pub fn normal(&self) -> DVec3 {
+        let x = f64::from(self.facing as u8 as i8) / 127.0;
+        let y = f64::from(((self.facing >> 7) as u8 & 0xfe) as i8 >> 1) / 63.0;
+        let z = 1.0 - x.abs() - y.abs();
+        let fold = (-z).max(0.0);
+        DVec3::new(x - fold.copysign(x), y - fold.copysign(y), z).normalize()
+    }
+
+    pub fn is_wall(&self) -> bool {
+        self.facing >> 15 == 0
+    }
+}
+
+/// Colours that faces of an object have instead of its own.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Look {
     /// Index of the object in the page.
     pub object: u16,
-    /// Direction of the outward normal over the horizon, 0 east, 64 north, in 256ths of a turn; for roofs unused.
-    pub azimuth: u8,
-    /// 0 wall, 1 roof.
-    pub surface: u8,
+    pub wall_color: [u8; 3],
+    pub roof_color: [u8; 3],
 }
 
 #[derive(Clone, Debug, Default)]
@@ -72,6 +107,8 @@ pub struct ObjectPage {
     pub cells: Vec<CellObjects>,
     /// What collisions and picking ask.
     pub footprints: Footprints,
+    /// Looks beyond the objects' own, which have the first numbers.
+    pub looks: Vec<Look>,
 }
 
 /// The objects of one cell in a page.
@@ -102,11 +139,12 @@ impl ObjectPage {
         let base_m = prisms.iter().map(|prism| f64::from(prism.base_m)).sum::<f64>() / prisms.len().max(1) as f64;
         let origin = root.bounds().center().at_height(base_m).to_ecef();
         let mut mesh = ObjectMesh::default();
-        let objects: Vec<Object> =
-            prisms.iter().enumerate().map(|(at, prism)| prism.draw(origin, at as u16, &mut mesh)).collect();
+        let mut looks = Looks::new(prisms.len());
+        let draw = |(at, prism): (usize, &Prism)| prism.draw(origin, at as u16, &mut mesh, &mut looks);
+        let objects: Vec<Object> = prisms.iter().enumerate().map(draw).collect();
         let cells = directory(&objects, &prisms);
         let footprints = Footprints::new(&prisms, &objects, cells.iter().map(|cell| &cell.objects), origin);
-        (Self { root, collection, rep, error_m, origin, objects, cells, footprints }, mesh)
+        (Self { root, collection, rep, error_m, origin, objects, cells, footprints, looks: looks.finish() }, mesh)
     }
 
     pub fn id(&self) -> PageId {
@@ -114,7 +152,11 @@ impl ObjectPage {
     }
 
     pub fn byte_len(&self) -> usize {
-        size_of::<Self>() + size_of_val(&*self.objects) + size_of_val(&*self.cells) + self.footprints.byte_len()
+        size_of::<Self>()
+            + size_of_val(&*self.objects)
+            + size_of_val(&*self.cells)
+            + size_of_val(&*self.looks)
+            + self.footprints.byte_len()
     }
 
     /// The indices that draw a range of objects; none where the range leaves the page.

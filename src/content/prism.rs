@@ -1,5 +1,7 @@
-//! Prisms over footprints, and how they are drawn: walls along the ellipsoid's normals, and flat roofs.
+//! Prisms over footprints, and how they are drawn: walls along the ellipsoid's normals, and flat roofs; or a
+//! foundation and a detailed shape.
 
+use super::detail::{Canvas, Detail, Looks};
 use super::objects::{Object, ObjectMesh, ObjectVertex};
 use crate::forest::CellId;
 use crate::geodesy::{Ecef, Geodetic, Point};
@@ -24,10 +26,9 @@ pub struct Prism {
     /// sRGB of walls and of the roof.
     pub wall_color: [u8; 3],
     pub roof_color: [u8; 3],
+    /// What is drawn in place of the roof and of the walls above the base. It lies between base and top.
+    pub detail: Option<Detail>,
 }
-
-const WALL: u8 = 0;
-const ROOF: u8 = 1;
 
 /// A prism's horizontal box in the east-north-up frame of its centre.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -40,10 +41,16 @@ pub struct Footprint {
 }
 
 impl Prism {
-    /// The box of the footprint; where there is no vertex, a point at (0, 0).
+    /// Longitude and latitude of the outline's corners, then of the detail's, which may jut out.
+    fn corners(&self) -> impl Iterator<Item = [f64; 2]> {
+        let detailed = self.detail.iter().flat_map(|detail| &detail.corners);
+        self.rings.iter().flatten().copied().chain(detailed.map(|corner| [corner.lon_rad, corner.lat_rad]))
+    }
+
+    /// The box of the footprint and of what juts out beyond it; where there is no vertex, a point at (0, 0).
     pub fn footprint(&self) -> Footprint {
         let (mut low, mut high) = (DVec2::INFINITY, DVec2::NEG_INFINITY);
-        for &[lon_rad, lat_rad] in self.rings.iter().flatten() {
+        for [lon_rad, lat_rad] in self.corners() {
             low = low.min(DVec2::new(lon_rad, lat_rad));
             high = high.max(DVec2::new(lon_rad, lat_rad));
         }
@@ -54,7 +61,7 @@ impl Prism {
         let rough = rough.at_height(f64::from(self.base_m));
         let enu_from_ecef = rough.ecef_from_enu().inverse();
         let (mut low, mut high) = (DVec3::INFINITY, DVec3::NEG_INFINITY);
-        for &[lon_rad, lat_rad] in self.rings.iter().flatten() {
+        for [lon_rad, lat_rad] in self.corners() {
             let corner = enu_from_ecef * Geodetic { lat_rad, lon_rad, ..rough }.to_ecef();
             low = low.min(corner.xyz());
             high = high.max(corner.xyz());
@@ -75,24 +82,32 @@ impl Prism {
 
     /// How many triangles draw it.
     pub fn triangles(&self) -> usize {
-        self.roof.len() + 2 * self.rings.iter().map(Vec::len).sum::<usize>()
+        let walls = 2 * self.rings.iter().map(Vec::len).sum::<usize>();
+        walls + self.detail.as_ref().map_or(self.roof.len(), Detail::triangles)
     }
 
     /// Appends the prism's triangles to a mesh, counter-clockwise from outside.
-    pub(super) fn draw(&self, origin: Point<Ecef>, object: u16, mesh: &mut ObjectMesh) -> Object {
+    pub(super) fn draw(&self, origin: Point<Ecef>, object: u16, mesh: &mut ObjectMesh, looks: &mut Looks) -> Object {
         let start = mesh.indices.len() as u32;
-        let mut pen = Pen { origin: origin.xyz(), object, mesh };
-        let foot_m = f64::from(self.base_m) - f64::from(self.foundation_m);
-        let top_m = f64::from(self.top_m);
-        for ring in &self.rings {
-            pen.walls(ring, foot_m, top_m);
-        }
-        pen.roof(&self.rings, &self.roof, top_m);
         let footprint = self.footprint();
-        let [east_m, north_m] = footprint.sides_m;
-        let reach_m = east_m.max(north_m) as f32;
         let place =
             Geodetic { lat_rad: footprint.lat_rad, lon_rad: footprint.lon_rad, height_m: f64::from(self.base_m) };
+        let foot_m = f64::from(self.base_m) - f64::from(self.foundation_m);
+        let mut pen = Pen { origin: origin.xyz(), object, mesh };
+        match &self.detail {
+            Some(detail) => {
+                pen.all_walls(&self.rings, foot_m, self.detail_foot_m(detail));
+                let (wall_color, roof_color) = (self.wall_color, self.roof_color);
+                let ecef_from_enu = place.ecef_from_enu();
+                Canvas { origin, object, ecef_from_enu, wall_color, roof_color, mesh, looks }.draw(detail);
+            }
+            None => {
+                pen.all_walls(&self.rings, foot_m, f64::from(self.top_m));
+                pen.roof(&self.rings, &self.roof, f64::from(self.top_m));
+            }
+        }
+        let [east_m, north_m] = footprint.sides_m;
+        let reach_m = east_m.max(north_m) as f32;
         Object {
             id: self.id,
             cell: self.cell,
@@ -108,6 +123,12 @@ impl Prism {
             indices: start..mesh.indices.len() as u32,
         }
     }
+
+    /// Where the foundation ends: a detail's own walls may go on down below the base.
+    fn detail_foot_m(&self, detail: &Detail) -> f64 {
+        let low_m = detail.height_range_m().map_or(self.base_m, |(low_m, _)| low_m);
+        f64::from(low_m.min(self.base_m))
+    }
 }
 
 /// Draws into a mesh for one object.
@@ -118,11 +139,17 @@ struct Pen<'a> {
 }
 
 impl Pen<'_> {
-    fn vertex(&mut self, [lon_rad, lat_rad]: [f64; 2], height_m: f64, azimuth: u8, surface: u8) -> u32 {
+    fn vertex(&mut self, [lon_rad, lat_rad]: [f64; 2], height_m: f64, facing: u16) -> u32 {
         let position = Geodetic { lat_rad, lon_rad, height_m }.to_ecef().xyz() - self.origin;
         let position_m = position.as_vec3().to_array();
-        self.mesh.vertices.push(ObjectVertex { position_m, object: self.object, azimuth, surface });
+        self.mesh.vertices.push(ObjectVertex { position_m, look: self.object, facing });
         self.mesh.vertices.len() as u32 - 1
+    }
+
+    fn all_walls(&mut self, rings: &[Vec<[f64; 2]>], foot_m: f64, top_m: f64) {
+        if foot_m < top_m {
+            rings.iter().for_each(|ring| self.walls(ring, foot_m, top_m));
+        }
     }
 
     /// The outer ring runs counter-clockwise and holes clockwise, so the outside is always on the right.
@@ -132,9 +159,9 @@ impl Pen<'_> {
             if from == to {
                 continue;
             }
-            let azimuth = outward(from, to);
-            let [a, b] = [from, to].map(|corner| self.vertex(corner, foot_m, azimuth, WALL));
-            let [c, d] = [to, from].map(|corner| self.vertex(corner, top_m, azimuth, WALL));
+            let facing = ObjectVertex::facing(outward(from, to), false);
+            let [a, b] = [from, to].map(|corner| self.vertex(corner, foot_m, facing));
+            let [c, d] = [to, from].map(|corner| self.vertex(corner, top_m, facing));
             self.mesh.indices.extend([a, b, c, a, c, d]);
         }
     }
@@ -145,20 +172,20 @@ impl Pen<'_> {
         if triangles.is_empty() {
             return;
         }
+        let facing = ObjectVertex::facing(DVec3::Z, true);
         for &corner in rings.iter().flatten() {
-            self.vertex(corner, top_m, 0, ROOF);
+            self.vertex(corner, top_m, facing);
         }
         let whole = triangles.iter().filter(|triangle| triangle.iter().all(|&corner| usize::from(corner) < count));
         self.mesh.indices.extend(whole.flatten().map(|&corner| first + u32::from(corner)));
     }
 }
 
-/// Direction to the right of an edge, 0 east, 64 north, in 256ths of a turn.
-fn outward(from: [f64; 2], to: [f64; 2]) -> u8 {
+/// The horizontal direction to the right of an edge that has a length, east-north-up.
+fn outward(from: [f64; 2], to: [f64; 2]) -> DVec3 {
     let east = (to[0] - from[0]) * ((from[1] + to[1]) / 2.0).cos();
     let north = to[1] - from[1];
-    let turns = (-east).atan2(north) / std::f64::consts::TAU;
-    (turns.rem_euclid(1.0) * 256.0).round() as u32 as u8
+    DVec3::new(north, -east, 0.0)
 }
 
 #[cfg(test)]
@@ -184,6 +211,7 @@ mod tests {
             foundation_m: 1.0,
             wall_color: [1; 3],
             roof_color: [2; 3],
+            detail: None,
         }
     }
 

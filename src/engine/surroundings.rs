@@ -250,6 +250,7 @@ mod tests {
             foundation_m: 2.0,
             wall_color: [0; 3],
             roof_color: [0; 3],
+            detail: None,
         };
         let (page, _) = ObjectPage::from_prisms(cell, 0, 0, 0.0, vec![prism]);
         let posts = [(0, 0), (64, 0), (0, 64), (64, 64)].map(|(column, row)| TerrainPost {

@@ -15,6 +15,7 @@ mod graft;
 pub mod imagery;
 pub mod imagery_source;
 pub mod into;
+pub mod model;
 pub mod paint;
 pub mod pipeline;
 pub mod placement;

@@ -105,7 +105,7 @@ pub struct ImagerySection {
 pub const DEFAULT_PAINT_TEXEL_M: f64 = 1.0;
 
 /// `[[buildings]]`: footprints to be extruded.
-#[derive(Clone, Debug, Deserialize)]
+#[derive(Clone, Debug, Default, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct BuildingsSection {
     /// Of the collection.
@@ -142,23 +142,52 @@ pub struct BuildingsSection {
     pub credit: String,
     #[serde(default)]
     pub licence: String,
+    /// Of a section `[[objects]]`: the model that `file`, a table, sets down.
+    #[serde(skip)]
+    pub model: Option<ModelFile>,
 }
 
-/// `[[objects]]`: models placed by a table; parsed, and refused as not yet supported.
+/// A model and how it is simplified.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct ModelFile {
+    pub file: String,
+    pub error_m: f64,
+}
+
+/// `[[objects]]`: models placed by a table; a collection like `[[buildings]]`.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct ObjectsSection {
     pub name: String,
+    /// glTF or GLB.
     pub file: String,
+    /// CSV with lon_deg, lat_deg, and where it has them height_m, heading_deg, scale.
     pub place: String,
-    pub crs: Option<String>,
+    /// What height_m counts from.
     pub vertical: Option<VerticalDatum>,
-    pub nodata: Option<f64>,
-    pub layer: Option<String>,
+    /// How far a simplified model may be off, metres; the model as it is when absent.
+    pub error_m: Option<f64>,
+    /// Columns of the table to keep; all when absent.
+    pub attributes: Option<Vec<String>>,
     #[serde(default)]
     pub credit: String,
     #[serde(default)]
     pub licence: String,
+}
+
+impl ObjectsSection {
+    fn collection(&self) -> BuildingsSection {
+        BuildingsSection {
+            name: self.name.clone(),
+            file: self.place.clone(),
+            model: Some(ModelFile { file: self.file.clone(), error_m: self.error_m.unwrap_or(0.0) }),
+            vertical: self.vertical,
+            attributes: self.attributes.clone(),
+            credit: self.credit.clone(),
+            licence: self.licence.clone(),
+            ..BuildingsSection::default()
+        }
+    }
 }
 
 /// `[[layout]]`: a single-seek layout; parsed, and refused as not yet supported.
@@ -188,6 +217,7 @@ impl Recipe {
         let mut recipe: Self = toml::from_str(text).map_err(|e| recipe_error(text, path, &e))?;
         recipe.text = text.to_owned();
         recipe.path = path.to_owned();
+        recipe.buildings.extend(recipe.objects.iter().map(ObjectsSection::collection));
         recipe.refuse_what_is_not_yet()?;
         recipe.check_values()?;
         Ok(recipe)
@@ -210,7 +240,7 @@ impl Recipe {
     }
 
     fn refuse_what_is_not_yet(&self) -> Result<(), PrepareError> {
-        let absent = [("objects", self.objects.is_empty()), ("layout", self.layout.is_empty())];
+        let absent = [("layout", self.layout.is_empty())];
         match absent.into_iter().find(|(_, empty)| !empty) {
             Some((section, _)) => {
                 let line = line_of(&self.text, &format!("[[{section}]]"));
@@ -227,7 +257,10 @@ impl Recipe {
             what,
         };
         if self.elevation.is_empty() && self.imagery.is_empty() && self.buildings.is_empty() {
-            return Err(bad("", "holds no sources; add [[elevation]], [[imagery]] or [[buildings]]".into()));
+            return Err(bad(
+                "",
+                "holds no sources; add [[elevation]], [[imagery]], [[buildings]] or [[objects]]".into(),
+            ));
         }
         if self.imagery.iter().any(|section| section.layer.is_some()) {
             let what =
@@ -263,6 +296,14 @@ impl Recipe {
             if section.texel_m.is_some_and(|v| !(v > 0.0 && v.is_finite())) {
                 return Err(bad("texel_m", "texel_m is a length in metres above 0".into()));
             }
+        }
+        if self
+            .objects
+            .iter()
+            .filter_map(|section| section.error_m)
+            .any(|error_m| !(error_m >= 0.0 && error_m.is_finite()))
+        {
+            return Err(bad("error_m = ", "error_m is a length in metres, 0 or more".into()));
         }
         self.check_names(&bad)?;
         self.check_views()
@@ -395,7 +436,12 @@ mod tests {
             ("name = \"x\"\n[[elevation]]\nfile = \"a\"\nclamp_m = [5, 1]", "line 4: clamp_m"),
             ("name = \"x\"\n[[elevation]]\nfile = \"a\"\nvertical = \"egm97\"", "line 4: unknown variant `egm97`"),
             ("name = \"x\"\n[[imagery]]\nfile = \"a\"\nbounds_deg = [180, -90, -180, 90]", "line 4: bounds_deg"),
-            ("name = \"x\"\n[[objects]]\nname=\"t\"\nfile=\"a\"\nplace=\"b\"", "[[objects]] is not supported yet"),
+            ("name = \"x\"\n[[objects]]\nname=\"t\"\nfile=\"a\"", "missing field `place`"),
+            ("name = \"x\"\n[[objects]]\nname=\"t\"\nfile=\"a\"\nplace=\"b\"\nerror_m = -1", "line 6: error_m"),
+            (
+                "name = \"x\"\n[[objects]]\nname=\"t\"\nfile=\"a\"\nplace=\"b\"\n[[buildings]]\nname = \"t\"\nfile = \"c\"",
+                "two collections are named",
+            ),
             ("name = \"x\"\n[[layout]]\nname=\"t\"\ncollection=\"a\"", "line 2: [[layout]] is not supported yet"),
             ("name = \"x\"\n[[layout]]\nname=\"t\"\ncollection=\"a\"\nbands = 3", "unknown key `bands`"),
             ("name = \"x\"\n[[elevation]", "line 2"),

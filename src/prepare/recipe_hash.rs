@@ -11,13 +11,13 @@ const PART_BYTES: u64 = 1 << 16;
 /// What may lie in a folder that a recipe names.
 const EXTENSIONS: &[&str] = &[
     "tif", "tiff", "hgt", "nc", "cdf", "png", "jpg", "jpeg", "geojson", "json", "geojsonl", "geojsons", "ndjson",
-    "fgb", "shp", "gpkg", "pbf", "csv",
+    "jsonl", "fgb", "shp", "gpkg", "pbf", "csv", "gltf", "glb",
 ];
 /// What is read beside a shapefile, and beside a GeoPackage whose newest rows are not in it yet.
 const PARTS: &[&str] = &["dbf", "prj", "cpg", "gpkg-wal"];
 
 /// Counts up when stages of the same sources come out otherwise, so that a newer program does not take over old ones.
-const STAGES_VERSION: u32 = 1;
+const STAGES_VERSION: u32 = 2;
 
 /// What a recipe and its sources were.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,6 +37,7 @@ pub fn of(recipe: &Recipe, root: &Path) -> Result<Fingerprint, PrepareError> {
     let files = files.chain(recipe.imagery.iter().map(|section| &section.file));
     let files = files.chain(recipe.buildings.iter().map(|section| &section.file));
     let files = files.chain(recipe.buildings.iter().filter_map(|section| section.copies.as_ref()));
+    let files = files.chain(recipe.buildings.iter().filter_map(|section| Some(&section.model.as_ref()?.file)));
     for file in files {
         let mut paths = Vec::new();
         for found in source::resolve(root, file, EXTENSIONS)? {

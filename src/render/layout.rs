@@ -80,7 +80,7 @@ pub fn mirrored_structs() -> Vec<Mirror> {
     vec![
         mirror!("sky", Frame { clip_from_eye, eye, zenith, sun, right, up, forward, press, haze }),
         mirror!("terrain", Piece { offset, own, uv_scale, uv_offset, skirt_m, layer, id, textured }),
-        mirror!("objects", ObjectRecord { place_m, id, wall_color, roof_color, spare }),
+        mirror!("objects", ObjectRecord { place_m, id, wall_color, roof_color, lift, spare }),
         mirror!("objects", ObjectsPlace { offset, spare }),
         vertex_mirror(
             "terrain",
@@ -135,8 +135,7 @@ mod tests {
             ]
         );
         let objects: Vec<_> = super::super::objects::ATTRIBUTES.iter().map(|a| a.offset as usize).collect();
-        assert_eq!(objects, [offset_of!(ObjectVertex, position_m), offset_of!(ObjectVertex, object)]);
-        assert_eq!(offset_of!(ObjectVertex, azimuth), offset_of!(ObjectVertex, object) + 2);
-        assert_eq!(offset_of!(ObjectVertex, surface), offset_of!(ObjectVertex, object) + 3);
+        assert_eq!(objects, [offset_of!(ObjectVertex, position_m), offset_of!(ObjectVertex, look)]);
+        assert_eq!(offset_of!(ObjectVertex, facing), offset_of!(ObjectVertex, look) + 2);
     }
 }

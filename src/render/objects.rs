@@ -8,7 +8,7 @@ use super::meshes::packed_indices;
 use super::pass::{PassShape, Pipelines, storage_layout};
 use super::renderer::ArenaFull;
 use crate::camera::View;
-use crate::content::{ObjectMesh, ObjectPage, ObjectVertex, Page, PageId};
+use crate::content::{Object, ObjectMesh, ObjectPage, ObjectVertex, Page, PageId};
 use crate::geodesy::{Ecef, Point};
 use crate::select::DrawObjects;
 use bytemuck::{Pod, Zeroable};
@@ -23,7 +23,8 @@ pub(super) struct ObjectRecord {
     pub id: u32,
     pub wall_color: u32,
     pub roof_color: u32,
-    pub spare: [u32; 2],
+    pub lift: u32,
+    pub spare: u32,
 }
 
 /// Mirrors `ObjectsPlace` in objects.wgsl.
@@ -34,7 +35,7 @@ pub(super) struct ObjectsPlace {
     pub spare: f32,
 }
 
-/// Mirrors `ObjectVertex` in objects.wgsl: object, azimuth and surface are one word there.
+/// Mirrors `ObjectVertex` in objects.wgsl: look and facing are one word there.
 pub(super) const ATTRIBUTES: [wgpu::VertexAttribute; 2] = wgpu::vertex_attr_array![0 => Float32x3, 1 => Uint32];
 
 /// A page on the GPU.
@@ -221,22 +222,31 @@ fn page_id(page: &ObjectPage) -> PageId {
 pub(super) fn page_bytes(page: &ObjectPage, mesh: &ObjectMesh) -> u64 {
     let index_size = if mesh.vertices.len() > usize::from(u16::MAX) { 4 } else { 2 };
     let indices = (mesh.indices.len() * index_size).next_multiple_of(4);
-    let objects = page.objects.len() * (size_of::<ObjectRecord>() + size_of::<f32>());
-    (size_of_val(&*mesh.vertices) + indices + objects) as u64
+    let records = (page.objects.len() + page.looks.len()) * size_of::<ObjectRecord>();
+    (size_of_val(&*mesh.vertices) + indices + records + page.objects.len() * size_of::<f32>()) as u64
 }
 
+/// One for each object, then one for each further look.
 fn records(page: &ObjectPage) -> Vec<ObjectRecord> {
+    let own =
+        page.objects.iter().zip(0..).map(|(object, at)| record(page, object, at, object.wall_color, object.roof_color));
+    let more = page.looks.iter().filter_map(|look| {
+        let object = page.objects.get(usize::from(look.object))?;
+        Some(record(page, object, u32::from(look.object), look.wall_color, look.roof_color))
+    });
+    own.chain(more).collect()
+}
+
+fn record(page: &ObjectPage, object: &Object, at: u32, wall_color: [u8; 3], roof_color: [u8; 3]) -> ObjectRecord {
     let packed = |[r, g, b]: [u8; 3]| u32::from_le_bytes([r, g, b, 255]);
-    page.objects
-        .iter()
-        .map(|object| ObjectRecord {
-            place_m: (object.place - page.origin).xyz().as_vec3().to_array(),
-            id: id_of_object(page.collection, object.id),
-            wall_color: packed(object.wall_color),
-            roof_color: packed(object.roof_color),
-            spare: [0; 2],
-        })
-        .collect()
+    ObjectRecord {
+        place_m: (object.place - page.origin).xyz().as_vec3().to_array(),
+        id: id_of_object(page.collection, object.id),
+        wall_color: packed(wall_color),
+        roof_color: packed(roof_color),
+        lift: at,
+        spare: 0,
+    }
 }
 
 /// The indices to draw, with ranges that touch made one.

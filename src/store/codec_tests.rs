@@ -2,7 +2,9 @@
 
 use super::*;
 use crate::content::rtin::{Active, Diagonal, Triangle};
-use crate::content::{IMAGERY_STORED_PX, Prism, TerrainPage, TerrainPost};
+use crate::content::{
+    Detail, DetailCorner, FaceGroup, FaceKind, IMAGERY_STORED_PX, Look, ObjectVertex, Prism, TerrainPage, TerrainPost,
+};
 use crate::forest::{CellId, Zone};
 use proptest::prelude::*;
 
@@ -61,6 +63,7 @@ fn prisms(root: CellId) -> Vec<Prism> {
         foundation_m: 1.5,
         wall_color: [200, 190, id as u8],
         roof_color: [90, 80, 70],
+        detail: None,
     };
     vec![prism(7, child, 0.0), prism(3, root, 2.0), prism(900_000, child, 4.0)]
 }
@@ -134,11 +137,9 @@ fn walls_and_roofs_face_outwards() {
             let corner = |i: usize| glam::Vec3::from(mesh.vertices[t[i] as usize].position_m).as_dvec3();
             let normal = enu * (corner(1) - corner(0)).cross(corner(2) - corner(0)).normalize();
             let vertex = mesh.vertices[t[0] as usize];
-            if vertex.surface == 1 {
-                assert!(normal.z > 0.99 || normal.z < -0.99);
-            } else {
-                let turn = f64::from(vertex.azimuth) / 256.0 * std::f64::consts::TAU;
-                assert!(normal.dot(glam::DVec3::new(turn.cos(), turn.sin(), 0.0)) > 0.99, "{normal} {turn}");
+            assert_eq!(vertex.is_wall(), normal.z.abs() < 0.99);
+            if vertex.is_wall() || normal.z > 0.0 {
+                assert!(normal.dot(vertex.normal()) > 0.999, "{normal} {}", vertex.normal());
             }
         }
     }
@@ -202,7 +203,153 @@ fn hostile_lengths_allocate_nothing() {
     assert!(matches!(decode_prisms(&forged(objects, &body.0, body.0.len())), Err(PageFault::Malformed(_))));
 }
 
+/// A gabled roof over each of the prisms, with colours of its own, and a window.
+fn with_details(mut prisms: Vec<Prism>) -> Vec<Prism> {
+    for prism in prisms.iter_mut().filter(|prism| prism.id != 3) {
+        let ring = prism.rings[0].clone();
+        let corner = |at: [f64; 2], height_m: f32| DetailCorner { lon_rad: at[0], lat_rad: at[1], height_m };
+        let middle = |a: [f64; 2], b: [f64; 2]| [(a[0] + b[0]) / 2.0, (a[1] + b[1]) / 2.0];
+        let mut corners: Vec<_> = ring.iter().map(|&at| corner(at, 12.34)).collect();
+        corners.extend(ring.iter().map(|&at| corner(at, 30.0)));
+        corners.extend([corner(middle(ring[0], ring[3]), 45.67), corner(middle(ring[1], ring[2]), 45.67)]);
+        let walls = [
+            [0, 1, 5],
+            [0, 5, 4],
+            [1, 2, 6],
+            [1, 6, 5],
+            [2, 3, 7],
+            [2, 7, 6],
+            [3, 0, 4],
+            [3, 4, 7],
+            [4, 8, 7],
+            [5, 6, 9],
+        ];
+        let roofs = [[4, 5, 9], [4, 9, 8], [6, 7, 8], [6, 8, 9]];
+        prism.detail = Some(Detail {
+            corners,
+            groups: vec![
+                FaceGroup { kind: FaceKind::Wall, color: None, triangles: walls.to_vec() },
+                FaceGroup { kind: FaceKind::Roof, color: Some([200, 30, 20]), triangles: roofs.to_vec() },
+                FaceGroup { kind: FaceKind::Other, color: None, triangles: vec![[0, 1, 5]] },
+            ],
+        });
+    }
+    prisms
+}
+
+fn detailed_page() -> Vec<u8> {
+    let prisms = with_details(prisms(cell()));
+    encode_objects(&PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms }, &[]).unwrap()
+}
+
+type Faces = (FaceKind, Option<[u8; 3]>, Vec<[DetailCorner; 3]>);
+
+/// Positions of a detail's triangles, group by group.
+fn faces(detail: &Detail) -> Vec<Faces> {
+    let corner = |at: u32| detail.corners[at as usize];
+    let group = |group: &FaceGroup| (group.kind, group.color, group.triangles.iter().map(|t| t.map(corner)).collect());
+    detail.groups.iter().map(group).collect()
+}
+
+#[test]
+fn details_survive_within_their_units() {
+    let bytes = detailed_page();
+    let page = decode_prisms(&bytes).unwrap();
+    let mut sources = with_details(prisms(cell()));
+    sources.sort_by_key(|prism| prism.cell);
+    assert_eq!(page.prisms.iter().map(|prism| prism.detail.is_some()).collect::<Vec<_>>(), [false, true, true]);
+    for (read, source) in page.prisms.iter().zip(&sources) {
+        let (Some(read), Some(source)) = (&read.detail, &source.detail) else { continue };
+        for ((kind, color, read), (source_kind, source_color, source)) in faces(read).iter().zip(&faces(source)) {
+            assert_eq!((kind, color, read.len()), (source_kind, source_color, source.len()));
+            for (a, b) in read.iter().flatten().zip(source.iter().flatten()) {
+                let off = [a.lon_rad - b.lon_rad, a.lat_rad - b.lat_rad].map(|rad| rad.abs() * 6.4e6);
+                assert!(
+                    off.iter().all(|&m| m <= FOOTPRINT_UNIT_MAX_M / 2.0 * 1.6)
+                        && (a.height_m - b.height_m).abs() < 0.006
+                );
+            }
+        }
+    }
+    // A page without details is the same as ever, and those that have one draw it, over their foundations.
+    assert!(decode_prisms(&object_page()).unwrap().prisms.iter().all(|prism| prism.detail.is_none()));
+    let (drawn, mesh) = decode_objects(&bytes).unwrap();
+    assert_eq!(drawn.objects[1].indices.len(), 3 * (7 * 2 + 15));
+    // Two looks each: the roof's colour, and the walls' for what is neither.
+    assert_eq!(drawn.looks.len(), 4);
+    assert_eq!(drawn.looks[0], Look { object: 1, wall_color: sources[1].wall_color, roof_color: [200, 30, 20] });
+    assert_eq!(drawn.looks[1].roof_color, sources[1].wall_color);
+    let last = mesh.vertices.iter().map(|vertex| usize::from(vertex.look)).max();
+    assert_eq!(last, Some(drawn.objects.len() + drawn.looks.len() - 1));
+}
+
+/// A page with right lengths and checksum over any shapes.
+fn forged_shapes(shapes: &[u8]) -> Vec<u8> {
+    let mut body = bytes::Writer::default();
+    for len in [shapes.len(), shapes.len(), 0] {
+        body.varint(len as u64);
+    }
+    body.bytes(shapes);
+    forged(PageKind::Objects { collection: 0, rep: 0 }, &body.0, body.0.len())
+}
+
+/// The shapes of a page, unpacked.
+fn shapes_of(page: &[u8]) -> Vec<u8> {
+    let framed = frame::open(page).unwrap();
+    let mut reader = bytes::Reader::new(framed.body);
+    let [unpacked, packed, _] = [0; 3].map(|_| reader.varint().unwrap() as usize);
+    frame::unpack(reader.take(packed).unwrap(), unpacked).unwrap().into_owned()
+}
+
+#[test]
+fn harmed_details_under_a_right_checksum_do_no_harm() {
+    let shapes = shapes_of(&detailed_page());
+    let plain = shapes_of(
+        &encode_objects(&PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms: prisms(cell()) }, &[])
+            .unwrap(),
+    );
+    assert!(decode_objects(&forged_shapes(&shapes)).is_ok());
+    // The column may be absent, but not be cut.
+    for len in plain.len()..shapes.len() {
+        assert_eq!(decode_objects(&forged_shapes(&shapes[..len])).is_ok(), len == plain.len(), "{len} bytes");
+    }
+    for at in plain.len()..shapes.len() {
+        for flip in [1, 2, 4, 8, 0x40, 0x80, 0xff] {
+            let mut harmed = shapes.clone();
+            harmed[at] ^= flip;
+            let _ = decode_objects(&forged_shapes(&harmed));
+        }
+    }
+    // Counts far beyond the bytes: corners, groups, triangles.
+    let huge = [0xff, 0xff, 0xff, 0xff, 0x0f];
+    let heads: [&[u8]; 3] = [&[0], &[0, 1, 0, 0, 0], &[0, 1, 0, 0, 0, 1, 0]];
+    for head in heads {
+        let forged = forged_shapes(&[&plain, head, &huge, &[0; 64]].concat());
+        assert!(matches!(decode_objects(&forged), Err(PageFault::Malformed(_))), "{head:?}");
+    }
+}
+
+#[test]
+fn a_harmed_page_of_details_is_an_error() {
+    harm(&detailed_page(), &|bytes| decode_objects(bytes).map(drop));
+}
+
 proptest! {
+    #[test]
+    fn any_details_give_an_error_or_a_page(tail in proptest::collection::vec(0u8..12, 0..300)) {
+        let plain = shapes_of(&object_page());
+        let _ = decode_objects(&forged_shapes(&[plain, tail].concat()));
+    }
+
+    #[test]
+    fn normals_are_good_to_a_degree_and_a_half(x in -1.0..1.0f64, y in -1.0..1.0f64, z in -1.0..1.0f64, wall: bool) {
+        let normal = glam::DVec3::new(x, y, z);
+        prop_assume!(normal.length() > 0.01);
+        let vertex = ObjectVertex { position_m: [0.0; 3], look: 0, facing: ObjectVertex::facing(normal, !wall) };
+        prop_assert!(vertex.normal().dot(normal.normalize()) > 1.5f64.to_radians().cos(), "{normal} {}", vertex.normal());
+        prop_assert_eq!(vertex.is_wall(), wall);
+    }
+
     #[test]
     fn any_bytes_under_a_right_checksum_give_an_error_or_a_page(body in proptest::collection::vec(any::<u8>(), 0..300), kind in 0..3) {
         let kind = [PageKind::Terrain, PageKind::Imagery, PageKind::Objects { collection: 0, rep: 0 }][kind as usize];

@@ -10,6 +10,7 @@
 mod additions;
 mod bytes;
 mod change;
+mod details;
 mod error;
 mod frame;
 mod ground;

@@ -4,9 +4,10 @@
 //! Body: unpacked and packed length of the shapes and unpacked length of the attributes (varints), the shapes, the
 //! attributes. Shapes, unpacked: `error_m` (f32), objects (varint), bits of the units east and north (u8 each), then
 //! columns: cells (steps in ordinals), ids, rings and their lengths, coordinates, roofs, heights in centimetres,
-//! colours. Attributes, unpacked: per object its length and its text.
+//! colours, and details where there are any. Attributes, unpacked: per object its length and its text.
 
 use super::bytes::{Reader, Writer};
+use super::details;
 use super::error::{EncodeError, PageFault};
 use super::frame::{self, Framed};
 use crate::content::{ObjectMesh, ObjectPage, PageId, PageKind, Prism};
@@ -39,7 +40,7 @@ impl PrismPage {
 
 /// The root cell's sides in powers of two.
 #[derive(Clone, Copy)]
-struct Units {
+pub(super) struct Units {
     origin: [f64; 2],
     unit_rad: [f64; 2],
     bits: [u8; 2],
@@ -66,11 +67,11 @@ impl Units {
         }
     }
 
-    fn pack(&self, corner: [f64; 2]) -> [i64; 2] {
+    pub fn pack(&self, corner: [f64; 2]) -> [i64; 2] {
         std::array::from_fn(|axis| ((corner[axis] - self.origin[axis]) / self.unit_rad[axis]).round() as i64)
     }
 
-    fn unpack(&self, units: [i64; 2]) -> [f64; 2] {
+    pub fn unpack(&self, units: [i64; 2]) -> [f64; 2] {
         std::array::from_fn(|axis| self.origin[axis] + units[axis] as f64 * self.unit_rad[axis])
     }
 }
@@ -138,20 +139,29 @@ fn shapes(page: &PrismPage, order: &[usize]) -> Vec<u8> {
         out.varint(prism.roof.len() as u64);
         prism.roof.iter().flatten().for_each(|&corner| out.varint(u64::from(corner)));
     }
-    let height = |metres: f32| (f64::from(metres) / OBJECT_HEIGHT_UNIT_M).round() as i64;
     let mut last = 0;
     for prism in prisms() {
-        let base = height(prism.base_m);
+        let base = height_units(prism.base_m);
         out.signed(base.wrapping_sub(last));
-        out.signed(height(prism.top_m).wrapping_sub(base));
-        out.signed(height(prism.foundation_m));
+        out.signed(height_units(prism.top_m).wrapping_sub(base));
+        out.signed(height_units(prism.foundation_m));
         last = base;
     }
     for prism in prisms() {
         out.bytes(&prism.wall_color);
         out.bytes(&prism.roof_color);
     }
+    details::write(&mut out, &units, prisms());
     out.0
+}
+
+pub(super) fn height_units(height_m: f32) -> i64 {
+    (f64::from(height_m) / OBJECT_HEIGHT_UNIT_M).round() as i64
+}
+
+pub(super) fn metres(units: i64) -> Result<f32, PageFault> {
+    let metres = units as f64 * OBJECT_HEIGHT_UNIT_M;
+    if metres.abs() <= HEIGHT_MAX_M { Ok(metres as f32) } else { Err(PageFault::Malformed("a height out of range")) }
 }
 
 /// The sections of a body.
@@ -262,6 +272,7 @@ fn decode_shapes(reader: &mut Reader, root: CellId) -> Result<Vec<Prism>, PageFa
         prism.wall_color.copy_from_slice(&colors[..3]);
         prism.roof_color.copy_from_slice(&colors[3..]);
     }
+    details::read(reader, &units, &mut prisms)?;
     Ok(prisms)
 }
 
@@ -276,6 +287,7 @@ fn blank(cell: CellId) -> Prism {
         foundation_m: 0.0,
         wall_color: [0; 3],
         roof_color: [0; 3],
+        detail: None,
     }
 }
 
@@ -323,14 +335,6 @@ fn decode_roof(reader: &mut Reader, prism: &mut Prism) -> Result<(), PageFault> 
 }
 
 fn decode_heights(reader: &mut Reader, prisms: &mut [Prism]) -> Result<(), PageFault> {
-    let metres = |units: i64| {
-        let metres = units as f64 * OBJECT_HEIGHT_UNIT_M;
-        if metres.abs() <= HEIGHT_MAX_M {
-            Ok(metres as f32)
-        } else {
-            Err(PageFault::Malformed("a height out of range"))
-        }
-    };
     let mut base = 0i64;
     for prism in prisms {
         base = base.wrapping_add(reader.signed()?);

@@ -62,6 +62,9 @@ fn set(prism: &mut Prism, shift_m: f64, grounds: &Grounds, lowest_m: f64) {
     let top_m = f64::from(prism.top_m) + shift_m;
     let base_m = f64::from(prism.base_m) + shift_m;
     prism.top_m = top_m as f32;
+    for corner in prism.detail.iter_mut().flat_map(|detail| &mut detail.corners) {
+        corner.height_m = (f64::from(corner.height_m) + shift_m) as f32;
+    }
     if prism.foundation_m <= 0.0 {
         prism.base_m = base_m as f32;
         return;

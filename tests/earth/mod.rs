@@ -91,6 +91,7 @@ pub fn houses() -> Vec<Prism> {
                 foundation_m: 5.0,
                 wall_color: [200, 180, 160],
                 roof_color: [150, 60, 50],
+                detail: None,
             }
         })
         .filter(|house| houses_root().contains(house.cell))

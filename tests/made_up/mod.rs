@@ -145,6 +145,7 @@ pub fn object_page(root: CellId, level: u8, count: u32) -> Page {
         objects,
         cells,
         footprints: Default::default(),
+        looks: Vec::new(),
     };
     Page::Objects(Arc::new(page), Arc::new(ObjectMesh::default()))
 }

@@ -152,9 +152,8 @@ pub fn plates(root: CellId, origin: Point<Ecef>, corners: &[[Point<Ecef>; 4]]) -
         let first = mesh.vertices.len() as u32;
         mesh.vertices.extend(plate.iter().map(|&corner| ObjectVertex {
             position_m: (corner - origin).xyz().as_vec3().to_array(),
-            object: index as u16,
-            azimuth: 0,
-            surface: 0,
+            look: index as u16,
+            facing: ObjectVertex::facing(DVec3::X, false),
         }));
         mesh.indices.extend([0, 1, 2, 0, 2, 3].map(|i| first + i));
         let middle = plate.iter().map(Point::xyz).sum::<DVec3>() / 4.0;
@@ -185,6 +184,7 @@ pub fn plates(root: CellId, origin: Point<Ecef>, corners: &[[Point<Ecef>; 4]]) -
         objects,
         cells: Vec::new(),
         footprints: Default::default(),
+        looks: Vec::new(),
     });
     (Page::Objects(Arc::clone(&page), Arc::new(mesh)), DrawObjects { page, objects: vec![0..count] })
 }

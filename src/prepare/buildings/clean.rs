@@ -30,22 +30,22 @@ pub type Reason = &'static str;
 
 /// Local metres about a point of the footprint: good to 10⁻⁵ over a kilometre, and only used to clean and to measure.
 #[derive(Clone, Copy, Debug)]
-struct Plane {
+pub(super) struct Plane {
     origin: [f64; 2],
     metres: [f64; 2],
 }
 
 impl Plane {
-    fn about(origin: [f64; 2]) -> Self {
+    pub fn about(origin: [f64; 2]) -> Self {
         let (sin, cos) = origin[1].sin_cos();
         Self { origin, metres: [(prime_vertical_radius_m(sin) * cos).max(1.0), meridian_radius_m(sin)] }
     }
 
-    fn to(self, p: [f64; 2]) -> Coord {
+    pub fn to(self, p: [f64; 2]) -> Coord {
         Coord { x: (p[0] - self.origin[0]) * self.metres[0], y: (p[1] - self.origin[1]) * self.metres[1] }
     }
 
-    fn back(self, p: Coord) -> [f64; 2] {
+    pub fn back(self, p: Coord) -> [f64; 2] {
         [p.x / self.metres[0] + self.origin[0], p.y / self.metres[1] + self.origin[1]]
     }
 }
@@ -83,7 +83,7 @@ pub fn clean(polygons: &[FootprintPolygon], repaired: &mut BTreeSet<Reason>) -> 
 }
 
 /// Why a point cannot be used.
-fn fault(point: &[f64; 2]) -> Option<Reason> {
+pub(super) fn fault(point: &[f64; 2]) -> Option<Reason> {
     if !point[0].is_finite() || !point[1].is_finite() {
         Some("coordinates are no numbers")
     } else if point[0].abs() > 540.0 || point[1].abs() > 90.0 {
@@ -207,7 +207,7 @@ fn without_crossings(polygon: Polygon, repaired: &mut BTreeSet<Reason>) -> Vec<P
     enclosed(&polygon).0
 }
 
-fn enclosed(polygon: &Polygon) -> MultiPolygon {
+pub(super) fn enclosed(polygon: &Polygon) -> MultiPolygon {
     use geo::algorithm::bool_ops::{FillRule, unary_union};
     let alone = |ring: &LineString| Polygon::new(ring.clone(), Vec::new());
     let outer = alone(polygon.exterior());

@@ -28,6 +28,40 @@ const NAMES: [(&str, [u8; 3]); 24] = [
     ("gold", [212, 175, 55]),
 ];
 
+/// Materials of walls and roofs (OpenStreetMap's `building:material` and `roof:material`), sRGB.
+const MATERIALS: [(&str, [u8; 3]); 24] = [
+    ("brick", [168, 96, 72]),
+    ("bronze", [150, 116, 74]),
+    ("cement_block", [172, 170, 164]),
+    ("concrete", [186, 184, 178]),
+    ("copper", [120, 164, 142]),
+    ("eternit", [150, 148, 146]),
+    ("glass", [138, 164, 184]),
+    ("grass", [112, 142, 84]),
+    ("gravel", [156, 150, 140]),
+    ("limestone", [214, 204, 180]),
+    ("marble", [228, 224, 218]),
+    ("metal", [164, 168, 172]),
+    ("metal_sheet", [160, 164, 168]),
+    ("plaster", [222, 214, 198]),
+    ("roof_tiles", [164, 88, 66]),
+    ("sandstone", [206, 182, 142]),
+    ("slate", [92, 96, 104]),
+    ("solar_panels", [48, 58, 88]),
+    ("steel", [160, 164, 170]),
+    ("stone", [184, 176, 160]),
+    ("tar_paper", [84, 82, 80]),
+    ("thatch", [150, 126, 88]),
+    ("tile", [164, 88, 66]),
+    ("wood", [146, 108, 74]),
+];
+
+/// The colour of a material; `None` for one that is not known.
+pub fn of_material(name: &str) -> Option<[u8; 3]> {
+    let name = name.trim().to_ascii_lowercase();
+    MATERIALS.iter().find(|(known, _)| *known == name).map(|(_, color)| *color)
+}
+
 /// `#rgb`, `#rrggbb`, or a name; `None` for anything else.
 pub fn parse(text: &str) -> Option<[u8; 3]> {
     let text = text.trim().to_ascii_lowercase();
@@ -88,5 +122,6 @@ mod tests {
         for text in ["", "#", "#12", "#zzzzzz", "striped", "#1234567"] {
             assert_eq!(parse(text), None, "{text}");
         }
+        assert!(of_material("Slate").is_some() && of_material("cheese").is_none());
     }
 }

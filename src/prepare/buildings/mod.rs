@@ -4,21 +4,29 @@
 mod changeover;
 mod clean;
 mod color;
+mod faces;
 mod groups;
+mod outline;
 mod pack;
 mod place;
+mod plain;
+mod roof;
 mod rules;
+mod shape;
 mod tree;
 
 pub use changeover::{Changeover, Item, choose, deepest_level};
-pub use clean::{AREA_MIN_M2, Footprint, TOLERANCE_M, clean};
+pub use clean::{AREA_MIN_M2, Footprint, Reason, TOLERANCE_M, clean};
+use plain::Plain;
+
 pub use pack::{PAGE_BYTES_MAX, PagePlan, plan};
 pub use place::Ground;
 pub use rules::{Extent, HEIGHT_MAX_M, Rules, STOREY_M, storeys_by_area};
 
+use super::model::Model;
 use super::recipe::BuildingsSection;
 use super::source::{SourceFile, resolve};
-use super::vector::{EXTENSIONS, Feature, OsmBuildingCounts, read_footprints};
+use super::vector::{EXTENSIONS, Feature, OsmBuildingCounts, ReadOptions, read_footprints};
 use super::{OnProgress, PrepareError, Progress};
 use crate::content::Prism;
 use crate::forest::{CellId, LEVEL_MAX};
@@ -27,6 +35,7 @@ use crate::store::{CollectionInfo, PrismPage, RepInfo, SourceInfo, encode_object
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
+use std::sync::Arc;
 
 /// Features that are worked on as one task.
 const BATCH: usize = 1024;
@@ -74,6 +83,8 @@ pub struct Placed {
     pub lat_rad: f64,
     pub lon_rad: f64,
     pub reach_m: f64,
+    /// What stands for its detail from afar.
+    plain: Option<Box<Plain>>,
 }
 
 /// Prisms of a whole collection, and what happened to its features.
@@ -145,10 +156,14 @@ pub fn gather(
     progress: OnProgress<'_>,
 ) -> Result<Gathered, PrepareError> {
     let rules = Rules::new(section, section.vertical.unwrap_or(vertical))?;
-    let files = resolve(root, &section.file, &EXTENSIONS)?;
+    let model = match &section.model {
+        Some(model) => Some(Arc::new(Model::read(&root.join(&model.file), model.error_m)?)),
+        None => None,
+    };
+    let files = resolve(root, &section.file, if model.is_some() { &["csv"] } else { &EXTENSIONS })?;
     let mut gathered = Gathered::default();
     for file in &files {
-        gather_file(section, file, &rules, ground, &mut gathered, progress)?;
+        gather_file(section, file, model.clone(), &rules, ground, &mut gathered, progress)?;
     }
     Ok(gathered)
 }
@@ -157,6 +172,7 @@ pub fn gather(
 fn gather_file(
     section: &BuildingsSection,
     file: &SourceFile,
+    model: Option<Arc<Model>>,
     rules: &Rules,
     ground: &Ground,
     gathered: &mut Gathered,
@@ -164,17 +180,27 @@ fn gather_file(
 ) -> Result<(), PrepareError> {
     let (sender, batches) = crossbeam_channel::bounded::<Vec<Feature>>(BATCHES_WAITING);
     let name = file.to_string();
+    let options = ReadOptions {
+        crs: section.crs.as_deref(),
+        layer: section.layer.as_deref(),
+        lod: rules::lod(section)?,
+        vertical: section.vertical,
+    };
     let summary = std::thread::scope(|scope| {
         let reader = std::thread::Builder::new().name("read footprints".into()).spawn_scoped(scope, move || {
             let mut batch = Vec::with_capacity(BATCH);
-            let read = read_footprints(file, section.crs.as_deref(), section.layer.as_deref(), &mut |feature| {
+            let mut visit = |feature| {
                 batch.push(feature);
                 if batch.len() == BATCH {
                     // A worker that went away has an error of its own to tell.
                     let _ = sender.send(std::mem::replace(&mut batch, Vec::with_capacity(BATCH)));
                 }
                 Ok(())
-            });
+            };
+            let read = match model {
+                Some(model) => super::model::read(file, model, &mut visit),
+                None => read_footprints(file, &options, &mut visit),
+            };
             let _ = sender.send(batch);
             read
         });
@@ -205,7 +231,7 @@ struct Made {
 }
 
 fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result<Made, PrepareError> {
-    let mut notes = BTreeSet::new();
+    let mut notes = feature.notes.clone();
     let mut made = Made {
         objects: Vec::new(),
         names: Vec::new(),
@@ -213,31 +239,59 @@ fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result
         set_aside: None,
         own_colors: serde_json::Map::new(),
     };
+    let wrong_value = |wrong| {
+        let place = format!("feature {}", feature.number);
+        PrepareError::value(file, place, wrong, "mend the feature, or name another attribute in the recipe")
+    };
+    if let Some(model) = &feature.model {
+        match shape::set_down(model, feature, rules, ground, &mut notes) {
+            Ok(prism) => made.keep(vec![prism], feature, rules, notes),
+            Err(reason) => made.set_aside = Some(reason),
+        }
+        return Ok(made);
+    }
+    let shaped = feature.shape.as_ref().map(|shape| shape::prisms(feature, shape, rules, ground, &mut notes));
+    let unsound = match shaped {
+        Some(Ok(prisms)) => {
+            made.keep(prisms, feature, rules, notes);
+            return Ok(made);
+        }
+        Some(Err(shape::Failed::Attributes(wrong))) => return Err(wrong_value(wrong)),
+        Some(Err(shape::Failed::Unsound(reason))) => Some(reason),
+        None => None,
+    };
     let footprints = match clean(&feature.polygons, &mut notes) {
         Ok(footprints) => footprints,
         Err(reason) => {
-            made.set_aside = Some(reason);
+            made.set_aside = Some(unsound.unwrap_or(reason));
             return Ok(made);
         }
     };
+    if unsound.is_some() {
+        notes.insert("surfaces unsound: drawn up from the footprint");
+    }
     let area_m2 = footprints.iter().map(|footprint| footprint.area_m2).sum();
-    let extent = rules.extent(&feature.attributes, area_m2, &mut notes).map_err(|wrong| {
-        let place = format!("feature {}", feature.number);
-        PrepareError::value(file, place, wrong, "mend the feature, or name another attribute in the recipe")
-    })?;
+    let extent = rules.extent(&feature.attributes, area_m2, &mut notes).map_err(wrong_value)?;
     let whole = feature.ground.as_ref().map(|points| points.as_slice());
     let ground_m = place::ground_m(&footprints, whole, &extent, rules.vertical, ground);
-    let attributes = rules.kept(feature);
-    made.objects = footprints
-        .into_iter()
-        .map(|footprint| {
-            Placed::new(place::prism(footprint, &extent, ground_m, ground, &mut notes), attributes.clone())
-        })
-        .collect();
-    made.names = feature.attributes.keys().filter(|name| rules.keeps(name)).cloned().collect();
-    made.own_colors = rules.color_attributes(&feature.attributes);
-    made.notes = notes;
+    let roof = rules.roof(&feature.attributes, &mut notes);
+    let drawn_up = |footprint| match &roof {
+        Some(roof) => place::roofed(footprint, &extent, roof, ground_m, ground, &mut notes),
+        None => place::prism(footprint, &extent, ground_m, ground, &mut notes),
+    };
+    let prisms = footprints.into_iter().map(drawn_up).collect();
+    made.keep(prisms, feature, rules, notes);
     Ok(made)
+}
+
+impl Made {
+    fn keep(&mut self, prisms: Vec<Prism>, feature: &Feature, rules: &Rules, notes: BTreeSet<clean::Reason>) {
+        let attributes = rules.kept(feature);
+        self.objects = prisms.into_iter().map(|prism| Placed::new(prism, attributes.clone())).collect();
+        self.names = feature.attributes.keys().filter(|name| rules.keeps(name)).cloned().collect();
+        self.own_colors = rules.color_attributes(&feature.attributes);
+        self.notes = notes;
+    }
 }
 
 impl Gathered {
@@ -264,7 +318,18 @@ impl Placed {
     fn new(prism: Prism, attributes: String) -> Self {
         let footprint = prism.footprint();
         let reach_m = footprint.sides_m[0].max(footprint.sides_m[1]);
-        Self { lat_rad: footprint.lat_rad, lon_rad: place::wrap(footprint.lon_rad), reach_m, attributes, prism }
+        let plain = plain::of(&prism).map(Box::new);
+        Self { lat_rad: footprint.lat_rad, lon_rad: place::wrap(footprint.lon_rad), reach_m, attributes, prism, plain }
+    }
+
+    /// The object without its detail.
+    fn plain(&self) -> &Prism {
+        self.plain.as_ref().map_or(&self.prism, |plain| &plain.prism)
+    }
+
+    /// How far that is off, metres; 0 where there is no detail.
+    fn plain_error_m(&self) -> f64 {
+        self.plain.as_ref().map_or(0.0, |plain| plain.error_m)
     }
 }
 
@@ -280,7 +345,8 @@ fn item(object: &Placed) -> Item {
 /// Bytes that an object takes in a page, about; pages are planned again by what they really take.
 fn bytes_about(object: &Placed) -> u32 {
     let corners: usize = object.prism.rings.iter().map(Vec::len).sum();
-    (16 + 4 * corners + object.attributes.len() / 4) as u32
+    let detail = object.prism.detail.as_ref().map_or(0, |detail| 4 * detail.corners.len() + 2 * detail.triangles());
+    (16 + 4 * corners + detail + object.attributes.len() / 4) as u32
 }
 
 fn bounds_deg(objects: &[Placed]) -> [f64; 4] {

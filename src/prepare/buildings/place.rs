@@ -7,10 +7,11 @@
 //! terrain's error there, so that no corner floats.
 
 use super::clean::{Footprint, Reason};
-use super::rules::Extent;
+use super::roof::RoofRule;
+use super::rules::{DRAWN_FLAT, Extent};
 use crate::content::Prism;
 use crate::forest::CellId;
-use crate::geodesy::{GeoBounds, SEMI_MAJOR_M, VerticalDatum};
+use crate::geodesy::{GeoBounds, Geodetic, SEMI_MAJOR_M, VerticalDatum};
 use std::collections::BTreeSet;
 use std::f64::consts::PI;
 
@@ -27,7 +28,7 @@ const STEP_M: f64 = 10.0;
 /// Places along one wall; longer walls have them farther apart.
 const STEPS_MAX: f64 = 64.0;
 /// Visible walls are never less than this, metres.
-const WALL_MIN_M: f64 = 0.05;
+pub(super) const WALL_MIN_M: f64 = 0.05;
 
 /// Where a building's ground lies above the ellipsoid, metres.
 pub fn ground_m(
@@ -57,7 +58,7 @@ pub fn prism(
     ground: &Ground,
     notes: &mut BTreeSet<Reason>,
 ) -> Prism {
-    let center = bounds(footprint.rings[0].iter().copied()).center();
+    let center = center(&footprint);
     let top_m = ground_m + extent.height_m;
     let (base_m, foundation_m) = if extent.min_height_m > 0.0 {
         (ground_m + extent.min_height_m, 0.0)
@@ -81,7 +82,38 @@ pub fn prism(
         foundation_m: foundation_m as f32,
         wall_color: [0; 3],
         roof_color: [0; 3],
+        detail: None,
     }
+}
+
+/// The prism over one footprint with its roof; where the roof cannot be drawn there, it is flat and that is noted.
+pub fn roofed(
+    footprint: Footprint,
+    extent: &Extent,
+    roof: &RoofRule,
+    ground_m: f64,
+    ground: &Ground,
+    notes: &mut BTreeSet<Reason>,
+) -> Prism {
+    let room_m = extent.height_m - extent.min_height_m;
+    let mut roof_m = roof.height_m(&footprint, room_m, notes);
+    let mut extent = *extent;
+    if extent.to_eaves {
+        extent.height_m += roof_m;
+    } else if roof_m > room_m {
+        notes.insert("roof higher than its building: cut down");
+        roof_m = room_m;
+    }
+    let shape = footprint.clone();
+    let mut prism = prism(footprint, &extent, ground_m, ground, notes);
+    // The base may lie above the eaves, on a slope.
+    let eaves_m = ground_m + extent.height_m - roof_m;
+    let foot_m = f64::from(prism.base_m).min(eaves_m);
+    prism.detail = roof.detail(&shape, foot_m, eaves_m, f64::from(prism.top_m));
+    if prism.detail.is_none() {
+        notes.insert(DRAWN_FLAT);
+    }
+    prism
 }
 
 /// A longitude within ±π.
@@ -104,8 +136,13 @@ fn bounds(points: impl Iterator<Item = [f64; 2]>) -> GeoBounds {
     })
 }
 
+/// Middle of a footprint's box, radians.
+pub fn center(footprint: &Footprint) -> Geodetic {
+    bounds(footprint.rings[0].iter().copied()).center()
+}
+
 /// Lowest terrain along the walls, metres.
-fn lowest_m(footprint: &Footprint, ground: &Ground) -> f64 {
+pub fn lowest_m(footprint: &Footprint, ground: &Ground) -> f64 {
     let ring = &footprint.rings[0];
     let mut lowest = f64::INFINITY;
     for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
@@ -146,24 +183,24 @@ mod tests {
 
     #[test]
     fn the_terrain_carries_a_building_and_no_corner_floats() {
-        let prism = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: None });
+        let prism = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: None, to_eaves: false });
         assert!((prism.base_m - 50.0).abs() < 1e-3 && (prism.top_m - 62.0).abs() < 1e-3);
         assert!((prism.foundation_m - 1.3).abs() < 1e-2, "{}", prism.foundation_m);
     }
 
     #[test]
     fn a_given_base_holds_the_roof_whatever_the_terrain() {
-        let low = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: Some(45.0) });
+        let low = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: Some(45.0), to_eaves: false });
         assert!((low.top_m - 57.0).abs() < 1e-3 && (low.base_m - 50.0).abs() < 1e-3);
         assert!((low.base_m - low.foundation_m - 44.7).abs() < 1e-2);
-        let high = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: Some(55.0) });
+        let high = placed(Extent { height_m: 12.0, min_height_m: 0.0, base_m: Some(55.0), to_eaves: false });
         assert!((high.top_m - 67.0).abs() < 1e-3 && (high.base_m - 55.0).abs() < 1e-3);
         assert!(high.base_m - high.foundation_m < 48.8);
     }
 
     #[test]
     fn parts_in_the_air_have_no_foundation() {
-        let prism = placed(Extent { height_m: 12.0, min_height_m: 4.0, base_m: None });
+        let prism = placed(Extent { height_m: 12.0, min_height_m: 4.0, base_m: None, to_eaves: false });
         assert_eq!((prism.base_m.round(), prism.top_m.round(), prism.foundation_m), (54.0, 62.0, 0.0));
     }
 

@@ -2,6 +2,7 @@
 
 use super::clean::Reason;
 use super::color;
+use super::roof::{RoofRule, RoofShape};
 use crate::geodesy::VerticalDatum;
 use crate::prepare::PrepareError;
 use crate::prepare::expression::{Expression, WrongType};
@@ -32,6 +33,9 @@ pub struct Rules {
     pub vertical: VerticalDatum,
 }
 
+/// The note on roofs that cannot be drawn as they are.
+pub const DRAWN_FLAT: Reason = "roof shape drawn flat";
+
 /// The vertical extent of a building, metres.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Extent {
@@ -41,6 +45,8 @@ pub struct Extent {
     pub min_height_m: f64,
     /// The ground itself above the source's datum, where the source says.
     pub base_m: Option<f64>,
+    /// The height counts to the eaves, as storeys do, and not to the roof's top.
+    pub to_eaves: bool,
 }
 
 impl Rules {
@@ -86,13 +92,16 @@ impl Rules {
             expression.value(attributes).map(|value| value.filter(|value| Some(*value) != self.nodata))
         };
         let given = value(&self.height)?;
+        let mut to_eaves = false;
         let height_m = match given.filter(|height| (0.01..=HEIGHT_MAX_M).contains(height)) {
             Some(height) => height,
             None => {
                 if given.is_some() {
                     notes.insert("height not above 0 or beyond 1500 m: ignored");
                 }
-                self.height_without(value(&self.levels)?, area_m2, notes)
+                let levels = value(&self.levels)?.filter(|n| *n > 0.0 && n * STOREY_M <= HEIGHT_MAX_M);
+                to_eaves = levels.is_some();
+                self.height_without(levels, area_m2, notes)
             }
         };
         let mut min_height_m = value(&self.min_height)?.unwrap_or(0.0);
@@ -105,15 +114,18 @@ impl Rules {
             notes.insert("underside not below the roof: ignored");
             min_height_m = 0.0;
         }
-        if self.roof_shape(attributes).is_some_and(|shape| shape != "flat") {
-            notes.insert("roof shape drawn flat");
-        }
-        let base_m = self.base.as_ref().map(value).transpose()?.flatten();
-        Ok(Extent { height_m, min_height_m, base_m })
+        let base_m = self.base_m(attributes)?;
+        Ok(Extent { height_m, min_height_m, base_m, to_eaves })
+    }
+
+    /// What the source says of the ground, above its datum, metres.
+    pub fn base_m(&self, attributes: &Map<String, Value>) -> Result<Option<f64>, WrongType> {
+        let base = self.base.as_ref().map(|base| base.value(attributes)).transpose()?;
+        Ok(base.flatten().filter(|value| Some(*value) != self.nodata))
     }
 
     fn height_without(&self, levels: Option<f64>, area_m2: f64, notes: &mut BTreeSet<Reason>) -> f64 {
-        if let Some(levels) = levels.filter(|levels| *levels > 0.0 && levels * STOREY_M <= HEIGHT_MAX_M) {
+        if let Some(levels) = levels {
             notes.insert("height from levels, 3.2 m each");
             return levels * STOREY_M;
         }
@@ -125,22 +137,29 @@ impl Rules {
         f64::from(storeys_by_area(area_m2)) * STOREY_M
     }
 
-    /// The shape by attribute, or the one that the section names.
-    fn roof_shape<'a>(&'a self, attributes: &'a Map<String, Value>) -> Option<&'a str> {
-        const SHAPES: [&str; 8] = ["flat", "gabled", "hipped", "pyramidal", "skillion", "dome", "half-hipped", "round"];
-        match attributes.get(&self.roof) {
-            Some(value) => value.as_str(),
-            None => Some(self.roof.as_str()).filter(|roof| SHAPES.contains(roof)),
-        }
+    /// The roof to draw, by attribute or as the section names it; `None` for flat ones, and, noted, for shapes that
+    /// cannot be drawn.
+    pub fn roof(&self, attributes: &Map<String, Value>, notes: &mut BTreeSet<Reason>) -> Option<RoofRule> {
+        let named = attributes.get(&self.roof).map(|value| value.as_str().unwrap_or_default());
+        let shape = match named {
+            Some(name) => RoofShape::parse(name).or_else(|| {
+                notes.insert(DRAWN_FLAT);
+                None
+            }),
+            None => RoofShape::parse(&self.roof),
+        };
+        shape.filter(|shape| *shape != RoofShape::Flat).map(|shape| RoofRule::new(shape, attributes))
     }
 
     /// Walls and roof: by the section, by the usual attributes, or by a palette in order of `ordinal`.
     pub fn colors(&self, attributes: &Map<String, Value>, ordinal: u32) -> ([u8; 3], [u8; 3]) {
         let named = |key: &str| attributes.get(key).and_then(Value::as_str).and_then(color::parse);
-        let (wall, roof) = color::palette(ordinal);
+        let (wall_of_palette, roof) = color::palette(ordinal);
         let by_section = self.color.as_ref().and_then(|color| color::parse(color).or_else(|| named(color)));
-        let wall = by_section.or_else(|| named("building:colour")).or_else(|| named("colour")).unwrap_or(wall);
-        (wall, named("roof:colour").unwrap_or(roof))
+        let of = |key: &str| attributes.get(key).and_then(Value::as_str).and_then(color::of_material);
+        let wall = by_section.or_else(|| named("building:colour")).or_else(|| named("colour"));
+        let wall = wall.or_else(|| of("building:material")).unwrap_or(wall_of_palette);
+        (wall, named("roof:colour").or_else(|| of("roof:material")).unwrap_or(roof))
     }
 
     /// Whether an attribute is kept.
@@ -150,7 +169,7 @@ impl Rules {
 
     /// Those of the attributes that [`Rules::colors`] looks at.
     pub fn color_attributes(&self, attributes: &Map<String, Value>) -> Map<String, Value> {
-        let usual = ["building:colour", "colour", "roof:colour"];
+        let usual = ["building:colour", "colour", "roof:colour", "building:material", "roof:material"];
         let names = usual.into_iter().chain(self.color.as_deref());
         names.filter_map(|name| Some((name.to_owned(), attributes.get(name)?.clone()))).collect()
     }
@@ -174,15 +193,24 @@ impl Rules {
 }
 
 fn refuse_what_is_not_yet(section: &BuildingsSection) -> Result<(), PrepareError> {
-    let given = [("lod", section.lod.is_some()), ("copies", section.copies.is_some())];
-    match given.into_iter().find(|(_, given)| *given) {
-        Some((key, _)) => {
-            let place = format!("[[buildings]] {:?}", section.name);
-            let what = format!("`{key}`");
-            Err(PrepareError::unsupported("the recipe", place, what, "take the key out to prepare the rest"))
-        }
-        None => Ok(()),
+    if section.copies.is_none() {
+        return Ok(());
     }
+    let place = format!("[[buildings]] {:?}", section.name);
+    Err(PrepareError::unsupported("the recipe", place, "`copies`", "take the key out to prepare the rest"))
+}
+
+/// The level of detail that a section asks for.
+pub fn lod(section: &BuildingsSection) -> Result<Option<f64>, PrepareError> {
+    let lod = match &section.lod {
+        None => return Ok(None),
+        Some(Amount::Number(number)) => Some(*number),
+        Some(Amount::Text(text)) => text.trim().parse().ok(),
+    };
+    lod.filter(|lod: &f64| (0.0..5.0).contains(lod)).map(Some).ok_or_else(|| {
+        let place = format!("[[buildings]] {:?}, lod", section.name);
+        PrepareError::value("the recipe", place, "it is no level of detail", "write lod = 2, or lod = 2.2")
+    })
 }
 
 /// Storeys where nothing is known but the footprint, the same for the same area: 1 below 48 m², 2 to 134 m², 3 to
@@ -237,7 +265,7 @@ mod tests {
     fn wrong_types_and_what_is_not_yet_are_errors() {
         let attributes = json!({"height": [1]});
         assert!(rules("").extent(attributes.as_object().unwrap(), 1.0, &mut BTreeSet::new()).is_err());
-        for keys in ["height = \"3 *\"", "lod = 2", "copies = \"a.csv\""] {
+        for keys in ["height = \"3 *\"", "copies = \"a.csv\""] {
             let section: BuildingsSection = toml::from_str(&format!("name = \"a\"\nfile = \"b\"\n{keys}")).unwrap();
             assert!(Rules::new(&section, VerticalDatum::Ellipsoid).is_err(), "{keys}");
         }

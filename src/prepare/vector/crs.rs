@@ -1,8 +1,10 @@
 //! Coordinates of any system to longitude and latitude.
 
 use super::Feature;
+use crate::geodesy::VerticalDatum;
 use crate::prepare::PrepareError;
 use proj::Proj;
+use serde_json::Value;
 
 /// Takes a file's coordinates to WGS84 longitude and latitude in degrees.
 pub struct ToLonLat {
@@ -38,16 +40,73 @@ impl ToLonLat {
         }
         Ok(())
     }
+
+    /// Longitude and latitude of a point, degrees.
+    pub fn convert(&self, [x, y]: [f64; 2]) -> Result<[f64; 2], proj::ProjError> {
+        let Some(proj) = &self.proj else { return Ok([x, y]) };
+        proj.convert((x, y)).map(|(lon, lat)| [lon, lat])
+    }
 }
 
-/// `urn:ogc:def:crs:EPSG::3857` as `EPSG:3857`; other names as they are.
-fn plain_name(name: &str) -> String {
-    let Some(rest) = name.strip_prefix("urn:ogc:def:crs:") else { return name.to_owned() };
-    let mut parts = rest.split(':');
-    match (parts.next(), parts.next_back()) {
-        (Some(authority), Some(code)) => format!("{authority}:{code}"),
-        _ => name.to_owned(),
+/// What the heights of a coordinate system count from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Heights {
+    Above(VerticalDatum),
+    /// A national system, within half a metre or so of mean sea level.
+    National,
+    /// It has none.
+    Unknown,
+}
+
+/// Projections whose coordinates by custom come with heights of the national system: RD New with NAP, the Swiss ones
+/// with LN02.
+const WITH_NATIONAL_HEIGHTS: [&str; 3] = ["EPSG:28992", "EPSG:2056", "EPSG:21781"];
+
+/// The horizontal part of a coordinate system, and what its heights count from. What PROJ does not know is left as it
+/// is, for [`ToLonLat::new`] to complain of.
+pub fn heights_of(name: &str) -> (String, Heights) {
+    let name = plain_name(name);
+    let parts = Proj::new(&name).map(|proj| {
+        let text = proj.to_projjson(None, None, None).unwrap_or_default();
+        serde_json::from_str::<Value>(&text).unwrap_or_default()
+    });
+    let Ok(system) = parts else { return (name, Heights::Unknown) };
+    match system["type"].as_str() {
+        Some("CompoundCRS") => {
+            let [horizontal, vertical] = [0, 1].map(|part| code(&system["components"][part]));
+            let heights = match vertical.as_deref() {
+                Some("EPSG:5773") => Heights::Above(VerticalDatum::Egm96),
+                Some("EPSG:3855") => Heights::Above(VerticalDatum::Egm2008),
+                _ => Heights::National,
+            };
+            (horizontal.unwrap_or(name), heights)
+        }
+        Some("GeographicCRS") if system["coordinate_system"]["axis"].as_array().is_some_and(|axes| axes.len() == 3) => {
+            (name, Heights::Above(VerticalDatum::Ellipsoid))
+        }
+        _ if WITH_NATIONAL_HEIGHTS.contains(&name.as_str()) => (name, Heights::National),
+        _ => (name, Heights::Unknown),
     }
+}
+
+/// `EPSG:28992` of a system in PROJ's JSON.
+fn code(system: &Value) -> Option<String> {
+    let id = &system["id"];
+    Some(format!("{}:{}", id["authority"].as_str()?, id["code"]))
+}
+
+/// `urn:ogc:def:crs:EPSG::3857` and `https://www.opengis.net/def/crs/EPSG/0/3857` as `EPSG:3857`; other names as they
+/// are.
+fn plain_name(name: &str) -> String {
+    let path = name.split_once("opengis.net/def/crs/").map(|(_, path)| path.split('/'));
+    let urn = name.strip_prefix("urn:ogc:def:crs:").map(|rest| rest.split(':'));
+    let ends = |first: Option<&str>, last: Option<&str>| Some(format!("{}:{}", first?, last?));
+    let plain = match (path, urn) {
+        (Some(mut parts), _) => ends(parts.next(), parts.next_back()),
+        (_, Some(mut parts)) => ends(parts.next(), parts.next_back()),
+        _ => None,
+    };
+    plain.unwrap_or_else(|| name.to_owned())
 }
 
 #[cfg(test)]
@@ -59,5 +118,23 @@ mod tests {
         assert_eq!(plain_name("urn:ogc:def:crs:EPSG::3857"), "EPSG:3857");
         assert_eq!(plain_name("urn:ogc:def:crs:OGC:1.3:CRS84"), "OGC:CRS84");
         assert_eq!(plain_name("EPSG:2056"), "EPSG:2056");
+        assert_eq!(plain_name("https://www.opengis.net/def/crs/EPSG/0/7415"), "EPSG:7415");
+        assert_eq!(plain_name("http://www.opengis.net/def/crs/OGC/1.3/CRS84"), "OGC:CRS84");
+    }
+
+    #[test]
+    fn vertical_systems_are_told_from_the_horizontal() {
+        let cases = [
+            ("EPSG:7415", "EPSG:28992", Heights::National),
+            ("urn:ogc:def:crs:EPSG::2056", "EPSG:2056", Heights::National),
+            ("EPSG:4979", "EPSG:4979", Heights::Above(VerticalDatum::Ellipsoid)),
+            ("EPSG:9707", "EPSG:4326", Heights::Above(VerticalDatum::Egm96)),
+            ("EPSG:9518", "EPSG:4326", Heights::Above(VerticalDatum::Egm2008)),
+            ("EPSG:25832", "EPSG:25832", Heights::Unknown),
+            ("nonsense", "nonsense", Heights::Unknown),
+        ];
+        for (name, horizontal, heights) in cases {
+            assert_eq!(heights_of(name), (horizontal.to_owned(), heights), "{name}");
+        }
     }
 }

@@ -1,6 +1,9 @@
 //! A feature as its source has it.
 
+use crate::geodesy::VerticalDatum;
+use crate::prepare::model::Placement;
 use serde_json::{Map, Value};
+use std::collections::BTreeSet;
 
 /// Longitude and latitude of its points in degrees, as in the source: closed or not, either way round.
 pub type Ring = Vec<[f64; 2]>;
@@ -18,6 +21,45 @@ pub struct Feature {
     pub attributes: Map<String, Value>,
     /// Parts of one building share the footprint, degrees, that decides how high their common ground lies.
     pub ground: Option<std::sync::Arc<Vec<[f64; 2]>>>,
+    /// Its surfaces, where the source has them; the polygons are then only what it can fall back to.
+    pub shape: Option<Shape>,
+    /// A model set down there, with its hull as polygon.
+    pub model: Option<Placement>,
+    /// What its reader had to assume; counted beside what is repaired.
+    pub notes: BTreeSet<&'static str>,
+}
+
+/// A feature in three dimensions.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Shape {
+    pub surfaces: Vec<Surface>,
+    /// What heights count from; where nothing says, only their differences count.
+    pub vertical: Option<VerticalDatum>,
+    /// Lowest point of the building that this is, or is a part of, metres.
+    pub lowest_m: f64,
+}
+
+/// A face of a feature.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Surface {
+    /// Longitude and latitude in degrees, height in metres: the outer ring counter-clockwise from outside, then holes;
+    /// closed or not.
+    pub rings: Vec<Vec<[f64; 3]>>,
+    /// Where the source does not say, its slope tells.
+    pub kind: Option<SurfaceKind>,
+    /// sRGB.
+    pub color: Option<[u8; 3]>,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+pub enum SurfaceKind {
+    Wall,
+    Roof,
+    Ground,
+    /// Seen from outside, and none of these.
+    Other,
+    /// Inside, or there to close a volume only.
+    Unseen,
 }
 
 impl Feature {

@@ -64,7 +64,7 @@ fn convert(raw: &FgbFeature, number: u64) -> Result<Feature, String> {
     raw.process_properties(&mut properties).map_err(|error| error.to_string())?;
     let geometry = raw.to_geo().map_err(|error| error.to_string())?;
     let polygons = polygons_of(geometry)?;
-    Ok(Feature { number, id: None, polygons, attributes: properties.0, ground: None })
+    Ok(Feature { number, polygons, attributes: properties.0, ..Feature::default() })
 }
 
 #[derive(Default)]

@@ -75,7 +75,7 @@ impl State<'_, '_> {
             geojson::feature::Id::Number(number) => number.to_string(),
         });
         let mut feature =
-            Feature { number, id, polygons, attributes: raw.properties.unwrap_or_default(), ground: None };
+            Feature { number, id, polygons, attributes: raw.properties.unwrap_or_default(), ..Feature::default() };
         self.to_lon_lat.apply(self.file, &mut feature)?;
         self.features += 1;
         (self.visit)(feature)

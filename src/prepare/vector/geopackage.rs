@@ -153,7 +153,7 @@ fn feature(
             attributes.insert(column.clone(), value);
         }
     }
-    Ok(polygons.map(|polygons| Feature { number, id: None, polygons, attributes, ground: None }))
+    Ok(polygons.map(|polygons| Feature { number, polygons, attributes, ..Feature::default() }))
 }
 
 /// NULL and binary values are left out.

@@ -82,7 +82,7 @@ fn is(tags: &Tags, key: &str) -> bool {
 
 fn feature(candidate: Candidate, ground: Option<Arc<Vec<[f64; 2]>>>, number: u64) -> Feature {
     let attributes = candidate.tags.into_iter().map(|(key, value)| (key, value.into())).collect();
-    Feature { number, id: Some(candidate.id), polygons: candidate.polygons, attributes, ground }
+    Feature { number, id: Some(candidate.id), polygons: candidate.polygons, attributes, ground, ..Feature::default() }
 }
 
 /// All areas that are buildings or parts, ways first.

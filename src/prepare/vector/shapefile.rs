@@ -36,7 +36,7 @@ pub fn read(file: &SourceFile, crs: Option<&str>, visit: &mut Visit) -> Result<R
         match polygons {
             Ok(polygons) => {
                 let attributes = attributes(record);
-                let mut feature = Feature { number: before + 1, id: None, polygons, attributes, ground: None };
+                let mut feature = Feature { number: before + 1, polygons, attributes, ..Feature::default() };
                 to_lon_lat.apply(&name, &mut feature)?;
                 visit(feature)?;
                 summary.features += 1;

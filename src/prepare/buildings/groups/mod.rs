@@ -40,7 +40,7 @@ pub struct Group {
 
 /// Makes groups of objects that the parts of a page stand for: each part's cell and objects.
 pub fn group(parts: &[(CellId, Vec<&Placed>)], error_m: f64, ground: &Ground) -> Group {
-    let plane = Plane::along_walls(parts.iter().flat_map(|(_, objects)| objects.iter().map(|object| &object.prism)));
+    let plane = Plane::along_walls(parts.iter().flat_map(|(_, objects)| objects.iter().map(|object| object.plain())));
     let made: Vec<Group> =
         parts.par_iter().map(|(cell, objects)| part(*cell, objects, error_m, &plane, ground)).collect();
     made.into_iter().fold(Group::default(), |mut all, part| {
@@ -53,9 +53,19 @@ pub fn group(parts: &[(CellId, Vec<&Placed>)], error_m: f64, ground: &Ground) ->
 /// Objects with simpler outlines, no corner left out farther than `error_m` from what is left; those that are smaller
 /// are left out.
 pub fn simpler(objects: &[&Placed], error_m: f64) -> Vec<Prism> {
-    let plane = Plane::along_walls(objects.iter().map(|object| &object.prism));
+    let plane = Plane::along_walls(objects.iter().map(|object| object.plain()));
     let large = objects.par_iter().filter(|object| object.prism.dimension_m() >= error_m);
-    large.map(|object| with_outline(&object.prism, &Shape::of(&object.prism, &plane), &plane, error_m)).collect()
+    large.map(|object| simpler_one(object, &plane, error_m)).collect()
+}
+
+/// The detail stays where the object without it is off by more than half of the error: the outline takes the rest.
+fn simpler_one(object: &Placed, plane: &Plane, error_m: f64) -> Prism {
+    let outline_m = error_m - object.plain_error_m();
+    if outline_m < error_m / 2.0 {
+        return object.prism.clone();
+    }
+    let prism = object.plain();
+    with_outline(prism, &Shape::of(prism, plane), plane, outline_m)
 }
 
 /// A prism with a simpler outline.
@@ -79,7 +89,7 @@ fn part(cell: CellId, objects: &[&Placed], error_m: f64, plane: &Plane, ground: 
     let mut members: Vec<Member> = objects
         .iter()
         .map(|placed| {
-            let shape = Shape::of(&placed.prism, plane);
+            let shape = Shape::of(placed.plain(), plane);
             let landmark = shape.is_beyond(side_m / f64::from(SAMPLES));
             Member { placed, shape, dimension_m: placed.prism.dimension_m(), landmark }
         })
@@ -90,7 +100,7 @@ fn part(cell: CellId, objects: &[&Placed], error_m: f64, plane: &Plane, ground: 
     let (columns, made, errors_m) = loop {
         let mut columns = Columns::new(side_m);
         for (number, member) in members.iter().enumerate().filter(|(_, member)| !member.landmark) {
-            columns.add(number as u32, &member.placed.prism, &member.shape);
+            columns.add(number as u32, member.placed.plain(), &member.shape);
         }
         let made = blocks(&mut columns, allowed);
         let errors_m: Vec<f64> = members.iter().map(|member| member.error_m(&columns, allowed.outline_m)).collect();
@@ -109,13 +119,15 @@ fn part(cell: CellId, objects: &[&Placed], error_m: f64, plane: &Plane, ground: 
     let landmarks = members
         .iter()
         .filter(|member| member.landmark)
-        .map(|member| with_outline(&member.placed.prism, &member.shape, plane, landmark_m));
+        .map(|member| with_outline(member.placed.plain(), &member.shape, plane, landmark_m));
     let blocks = made.iter().filter_map(|block| block.prism(&members, plane, ground));
     let mut prisms: Vec<Prism> = landmarks.chain(blocks).collect();
     prisms.iter_mut().for_each(|prism| prism.cell = cell);
     let has_landmarks = members.iter().any(|member| member.landmark);
     let least_m = columns.reverse_m(allowed.outline_m).max(if has_landmarks { landmark_m } else { 0.0 });
-    Group { prisms, error_m: errors_m.into_iter().fold(least_m, f64::max) }
+    // All this is measured against the objects without their details.
+    let plain_m = members.iter().map(|member| member.placed.plain_error_m()).fold(0.0, f64::max);
+    Group { prisms, error_m: errors_m.into_iter().fold(least_m, f64::max) + plain_m }
 }
 
 impl Member<'_> {
@@ -124,7 +136,7 @@ impl Member<'_> {
         if self.landmark {
             return 0.0;
         }
-        let off_m = columns.distance_m(&self.placed.prism, &self.shape, self.dimension_m) + outline_m;
+        let off_m = columns.distance_m(self.placed.plain(), &self.shape, self.dimension_m) + outline_m;
         off_m.min(self.dimension_m)
     }
 }
@@ -132,7 +144,7 @@ impl Member<'_> {
 impl Block {
     /// The block as a prism on its ground; `None` where all of it is below the ground.
     fn prism(&self, members: &[Member], plane: &Plane, ground: &Ground) -> Option<Prism> {
-        let object = &members.get(self.object as usize)?.placed.prism;
+        let object = members.get(self.object as usize)?.placed.plain();
         let mut prism = Prism {
             id: object.id,
             rings: back(&self.rings, plane),
