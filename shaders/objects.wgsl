@@ -11,7 +11,8 @@ struct ObjectRecord {
     roof_color: u32,
     // Index of the object's lift.
     lift: u32,
-    spare: u32,
+    // 1 where its walls go on below its base.
+    has_foundation: u32,
 }
 
 // A page in this frame.
@@ -23,7 +24,7 @@ struct ObjectsPlace {
 
 @group(1) @binding(0) var<storage, read> places: array<ObjectsPlace>;
 @group(2) @binding(0) var<storage, read> records: array<ObjectRecord>;
-// How far the drawn ground lies above each object's base, metres.
+// How far the drawn ground lies above each object's base, metres; below 0, how far foundations go down further.
 @group(2) @binding(1) var<storage, read> lifts: array<f32>;
 
 struct ObjectVertex {
@@ -36,6 +37,10 @@ struct ObjectVarying {
     @builtin(position) position: vec4<f32>,
     @location(0) color: vec3<f32>,
     @location(1) @interpolate(flat) id: u32,
+    // Along the wall from the object's middle and above its base, metres.
+    @location(2) facade: vec2<f32>,
+    // Part of a bay's width that is glass; 0 for roofs.
+    @location(3) @interpolate(flat) glass: f32,
 }
 
 struct Aov {
@@ -56,6 +61,38 @@ fn lit(albedo: vec3<f32>, normal: vec3<f32>, up: vec3<f32>, above_base_m: f32) -
     return albedo * (sky * shade + sun * mix(0.9, 1.0, shade)) * mix(0.04, 1.0, daylight(up));
 }
 
+// Windows: one a storey and bay, metres.
+const STOREY_M: f32 = 3.2;
+const BAY_M: f32 = 3.0;
+// Where a window begins and how much of a storey's height it takes.
+const SILL: f32 = 0.28;
+const PANE: f32 = 0.5;
+// What of a wall's light comes back from glass.
+const GLASS_LIGHT: f32 = 0.5;
+
+// Glass by material, which shows in the colour: little in brick and stone, most of the wall in blue and grey towers.
+fn glass_of(albedo: vec3<f32>) -> f32 {
+    return clamp(0.5 + 1.6 * (albedo.b - albedo.r), 0.3, 0.85);
+}
+
+// How much of a pulse train, 1 from `begin` on for `share` of each unit, lies within a box filter of a width about `at`.
+fn pulses(at: f32, width: f32, begin: f32, share: f32) -> f32 {
+    let ends = vec2<f32>(at - 0.5 * width, at + 0.5 * width);
+    let sums = floor(ends) * share + clamp(fract(ends) - begin, vec2<f32>(0.0), vec2<f32>(share));
+    return (sums.y - sums.x) / width;
+}
+
+// What the windows take of a wall's light and give to the wall between them: 1 in the mean, so that a facade looks the
+// same from as far as its windows melt together.
+fn facade_light(at: vec2<f32>, glass: f32) -> f32 {
+    let bays = vec2<f32>(at.x / BAY_M, at.y / STOREY_M);
+    let width = clamp(fwidth(bays), vec2<f32>(1e-3), vec2<f32>(1e3));
+    let windows = pulses(bays.x, width.x, 0.5 - 0.5 * glass, glass) * pulses(bays.y, width.y, SILL, PANE);
+    let mean = glass * PANE;
+    // No windows in roofs and foundations.
+    return select(1.0, mix((1.0 - GLASS_LIGHT * mean) / (1.0 - mean), GLASS_LIGHT, windows), glass > 0.0 && at.y > 0.0);
+}
+
 // East, north, up of an octahedral normal: 8 and 7 bits in two's complement.
 fn facing_of(bits: u32) -> vec3<f32> {
     let at = vec2<f32>(f32(i32(bits << 24u) >> 24u) / 127.0, f32(i32(bits << 17u) >> 25u) / 63.0);
@@ -71,27 +108,34 @@ fn vs_main(vertex: ObjectVertex, @builtin(instance_index) instance: u32) -> Obje
     let offset = places[instance].offset;
     let place = record.place_m + offset;
     let up = up_at(place);
-    // Ground that is pressed down takes the objects on it along, but never below their base.
-    let lift_m = max(lifts[record.lift] - press_at(place), 0.0);
+    let from_place = vertex.position_m - record.place_m;
+    let above_m = dot(from_place, up);
+    // Ground that is pressed down takes the objects on it along, but never below their base: their foundations follow it.
+    let ground_m = lifts[record.lift] - press_at(place);
+    let is_foot = record.has_foundation != 0u && above_m < 0.0;
+    let lift_m = select(max(ground_m, 0.0), ground_m, is_foot);
     let from_eye = vertex.position_m + offset + up * lift_m;
     let east = east_at(up);
     let facing = facing_of(vertex.packed >> 16u);
     let normal = facing.x * east + facing.y * cross(up, east) + facing.z * up;
     let albedo = linear_from_srgb(unpack4x8unorm(select(record.wall_color, record.roof_color, is_roof)).rgb);
-    let above_base_m = select(dot(vertex.position_m - record.place_m, up), SHADE_M, is_roof);
+    let above_base_m = select(above_m, SHADE_M, is_roof);
     var out: ObjectVarying;
     out.position = frame.clip_from_eye * vec4<f32>(from_eye, 1.0);
     out.color = through_air(lit(albedo, normal, up, above_base_m), from_eye, height_at(from_eye), up);
     out.id = record.id;
+    out.facade = vec2<f32>(dot(from_place, cross(up, normal)), above_m);
+    out.glass = select(glass_of(albedo), 0.0, is_roof);
     return out;
 }
 
 @fragment
 fn fs_color(in: ObjectVarying) -> @location(0) vec4<f32> {
-    return vec4<f32>(in.color, 1.0);
+    return vec4<f32>(in.color * facade_light(in.facade, in.glass), 1.0);
 }
 
 @fragment
 fn fs_aov(in: ObjectVarying) -> Aov {
-    return Aov(vec4<f32>(in.color, 1.0), in.id, 1.0 / in.position.w);
+    let color = in.color * facade_light(in.facade, in.glass);
+    return Aov(vec4<f32>(color, 1.0), in.id, 1.0 / in.position.w);
 }

@@ -15,7 +15,7 @@ use stoop::engine::Source;
 use stoop::forest::CellId;
 use stoop::forest::index::{IndexForest, Place};
 use stoop::paging::{FrameReport, Lack, PageState, PlannerParams, PolicyName, drawn_pages};
-use stoop::select::{ObjectsMode, OutOfView, SelectParams, select};
+use stoop::select::{ObjectsMode, OutOfView, SelectParams, Urgency, select};
 use stoop::simulate::{Frame, Library, Setup, Simulation, SimulationError};
 use stoop::storage::{Disk, Faults, PartOutcome, Request, StorageModel};
 use stoop::store::World;
@@ -412,5 +412,40 @@ fn the_default_world_is_flown_by_every_policy() {
             assert!(flown.settled_s.is_some(), "{policy} over {storage} within {footprint}: {last:?}");
             assert!(last.lack == Lack::Memory || last.excess_max_px == 0.0, "{policy} over {storage}: {last:?}");
         }
+    }
+}
+
+/// Frames from two seconds on in which a page of objects was due by its distance and could not be drawn, and how many
+/// pages came due.
+fn late_objects(library: &Library, path: &Arc<FlightPath>, setup: Setup) -> (usize, usize) {
+    let (mut late, mut due) = (0, BTreeSet::new());
+    let mut frames = 0;
+    fly(library, path, setup, |frame, simulation| {
+        let front = frame.selection.demands.iter().filter(|demand| demand.urgency == Urgency::Visible);
+        let objects: Vec<PageId> =
+            front.map(|demand| demand.page).filter(|page| matches!(page.kind, PageKind::Objects { .. })).collect();
+        frames += 1;
+        let is_late = objects.iter().any(|&page| !simulation.manager().is_resident(page));
+        late += usize::from(is_late && f64::from(frames) * STEP_S > 2.0);
+        due.extend(objects);
+    })
+    .unwrap();
+    (late, due.len())
+}
+
+#[test]
+fn what_is_due_at_its_distance_is_drawn_there_by_every_policy_that_looks_ahead() {
+    let library = library();
+    // Towards the city, from beyond the distance of all its objects, at 500 m/s.
+    let way = (0..=60u32).map(|second| {
+        let apart_m = 45_000.0 - 500.0 * f64::from(second);
+        (f64::from(second), pose(LAT_DEG - apart_m / 111_000.0, LON_DEG, 800.0, 0.0, -5.0))
+    });
+    let path = path(way);
+    for policy in [PolicyName::Front, PolicyName::Range, PolicyName::Vgis, PolicyName::Foresight, PolicyName::Demand] {
+        let (late, due) = late_objects(&library, &path, with_policy(policy, Setup::new(StorageModel::LAN, STEP_S)));
+        assert!(due >= 20, "{due} pages");
+        // Who does not look ahead is late by one latency at each page or row of pages.
+        assert_eq!(late > 0, policy == PolicyName::Demand, "{policy}: {late} frames");
     }
 }

@@ -1,9 +1,9 @@
-//! Objects stand on the terrain that is drawn: where coarse terrain lies above an object's base, the
-//! object is lifted by the difference, and comes back as the terrain arrives.
+//! Objects stand on the terrain that is drawn: where coarse terrain lies above an object's base, the object is lifted by
+//! the difference, and comes back as the terrain arrives; where it lies below, the foundation goes down by the
+//! difference, which is a lift below 0.
 //!
 //! Where the finest terrain of the world is drawn there is no lift: the walls were fitted to it at preparation.
 
-use super::sink::PageSink;
 use crate::content::{CellObjects, Object, ObjectPage, PageId, TerrainPage};
 use crate::forest::index::IndexForest;
 use crate::forest::{CellId, LEVEL_MAX};
@@ -100,12 +100,13 @@ impl Lifts {
         }
     }
 
-    /// Sets the objects of a selection on its ground, and tells the sink what changed since the last call.
-    pub(super) fn follow(&mut self, index: &IndexForest, selection: &Selection, sink: &mut dyn PageSink) {
+    /// Sets the objects of a selection on its ground, and tells the lifts of pages where they changed since the last call,
+    /// metres; below 0, how far foundations go down.
+    pub fn follow(&mut self, index: &IndexForest, selection: &Selection, mut on_change: impl FnMut(PageId, &[f32])) {
         let ground = Ground::new(&selection.pieces);
         for drawn in &selection.objects {
             if let Some((page, lifts_m)) = self.update(index, &ground, drawn) {
-                sink.set_lifts(page, lifts_m);
+                on_change(page, lifts_m);
             }
         }
     }
@@ -191,19 +192,27 @@ impl PageLifts {
         for which in cell.objects.start as usize..cell.objects.end as usize {
             let Some(object) = page.objects.get(which) else { break };
             let piece = covering.or_else(|| below.ground.covering(place_cell(object)));
-            changed |= piece.is_some_and(|piece| self.update_object(which, object, piece, below.index));
+            let has_foundation = page.foundation_m(which) > 0.0;
+            changed |= piece.is_some_and(|piece| self.update_object(which, object, has_foundation, piece, below.index));
         }
         changed
     }
 
-    fn update_object(&mut self, which: usize, object: &Object, piece: &DrawPiece, index: &IndexForest) -> bool {
+    fn update_object(
+        &mut self,
+        which: usize,
+        object: &Object,
+        has_foundation: bool,
+        piece: &DrawPiece,
+        index: &IndexForest,
+    ) -> bool {
         let finest = self.finest[which].or_else(|| finest_terrain_level(index, object));
         self.finest[which] = finest;
         let known = self.standing[which].filter(|standing| standing.terrain == piece.terrain.cell);
         let Some(standing) = known.or_else(|| Standing::of(object, &piece.terrain)) else { return false };
         self.standing[which] = Some(standing);
         let own = f64::from((piece.own * OWN_STEPS).round() / OWN_STEPS);
-        let lift_m = (standing.lift_m(object, own, finest) / LIFT_STEP_M).round() * LIFT_STEP_M;
+        let lift_m = (standing.lift_m(object, own, finest, has_foundation) / LIFT_STEP_M).round() * LIFT_STEP_M;
         std::mem::replace(&mut self.lifts_m[which], lift_m as f32) != lift_m as f32
     }
 }
@@ -214,13 +223,15 @@ impl Standing {
         Some(Self { terrain: terrain.cell, parent_m: height_m(0.0)?, own_m: height_m(1.0)? })
     }
 
-    fn lift_m(&self, object: &Object, own: f64, finest_level: Option<u8>) -> f64 {
+    /// Below 0 only for objects with a foundation.
+    fn lift_m(&self, object: &Object, own: f64, finest_level: Option<u8>, has_foundation: bool) -> f64 {
         let base_m = f64::from(object.base_m);
-        if finest_level.is_some_and(|finest| self.terrain.level() >= finest) {
-            (1.0 - own) * (self.parent_m - base_m).max(0.0)
+        let above_base_m = if finest_level.is_some_and(|finest| self.terrain.level() >= finest) {
+            (1.0 - own) * (self.parent_m - base_m)
         } else {
-            (self.parent_m + (self.own_m - self.parent_m) * own - base_m).max(0.0)
-        }
+            self.parent_m + (self.own_m - self.parent_m) * own - base_m
+        };
+        if has_foundation { above_base_m } else { above_base_m.max(0.0) }
     }
 }
 

@@ -221,7 +221,7 @@ impl Scene {
 
     fn lift(&mut self, selection: &Selection, sink: &mut dyn PageSink) {
         let Residency { lifts, index, .. } = &mut self.residency;
-        lifts.follow(index, selection, sink);
+        lifts.follow(index, selection, |page, lifts_m| sink.set_lifts(page, lifts_m));
     }
 
     /// Whether something is under way that may change what is drawn of the same view.

@@ -63,7 +63,7 @@ impl Stills {
         if !index.is_whole() {
             self.lifts.look_again();
         }
-        self.lifts.follow(index, selection, &mut self.renderer);
+        self.lifts.follow(index, selection, |page, lifts_m| self.renderer.set_lifts(page, lifts_m));
         let options = DrawOptions { aov: request.ids, ..DrawOptions::default() };
         self.renderer.draw(&request.view, selection, &options)?;
         Ok(())

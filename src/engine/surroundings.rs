@@ -172,6 +172,7 @@ impl<'a> Standing<'a> {
         Self { page: &drawn.page, lifts_m, highest_m: f64::from(highest_m) }
     }
 
+    /// Below 0 where only the foundation goes down.
     fn lift_m(&self, which: usize) -> f64 {
         self.lifts_m.get(which).map_or(0.0, |&lift_m| f64::from(lift_m))
     }
@@ -185,7 +186,7 @@ impl<'a> Standing<'a> {
     fn obstacle(&self, which: usize) -> Option<Obstacle> {
         let (object, lift_m) = (self.page.objects.get(which)?, self.lift_m(which));
         let base_m = f64::from(object.base_m) - self.page.foundation_m(which) + lift_m;
-        Some(Obstacle { base_m, top_m: f64::from(object.top_m) + lift_m })
+        Some(Obstacle { base_m, top_m: f64::from(object.top_m) + lift_m.max(0.0) })
     }
 
     /// Tells the objects whose balls are `met`, with its answer: the page's ball first, then those of its cells. A ball
@@ -214,7 +215,7 @@ impl<'a> Standing<'a> {
         for which in cells.into_iter().flat_map(|cell| cell.objects.start as usize..cell.objects.end as usize) {
             work.boxes += 1;
             let Some((center, radius_m)) = self.page.object_ball(which) else { continue };
-            if let Some(answer) = met(center, radius_m + self.lift_m(which)) {
+            if let Some(answer) = met(center, radius_m + self.lift_m(which).abs()) {
                 tell(answer, which);
             }
         }

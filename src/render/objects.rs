@@ -24,7 +24,7 @@ pub(super) struct ObjectRecord {
     pub wall_color: u32,
     pub roof_color: u32,
     pub lift: u32,
-    pub spare: u32,
+    pub has_foundation: u32,
 }
 
 /// Mirrors `ObjectsPlace` in objects.wgsl.
@@ -245,7 +245,7 @@ fn record(page: &ObjectPage, object: &Object, at: u32, wall_color: [u8; 3], roof
         wall_color: packed(wall_color),
         roof_color: packed(roof_color),
         lift: at,
-        spare: 0,
+        has_foundation: u32::from(page.foundation_m(at as usize) > 0.0),
     }
 }
 

@@ -31,7 +31,7 @@ pub use layer::{Rep, ground_page};
 pub use region::{FrontRegion, VisitRegion};
 
 /// VGIS's four ways to draw objects (Davis et al. 1999, §V).
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub enum ObjectsMode {
     /// No objects.
     Off,
@@ -39,8 +39,10 @@ pub enum ObjectsMode {
     Flat,
     /// Objects above the threshold, by cell.
     Cells,
-    /// Groups stand in for small objects where the world has them.
+    /// The coarsest reps within the tolerance: groups and simpler outlines where the world has them.
     Groups,
+    /// Groups by VGIS's own rule: they stand for objects until the largest of them projects to `single_px` pixels.
+    Vgis { single_px: f64 },
 }
 
 /// What a selection holds of the ground out of view.

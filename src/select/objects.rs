@@ -36,6 +36,8 @@ struct Thresholds {
     drawn_px: f64,
     /// Whether groups stand for objects.
     groups: bool,
+    /// From which projected dimension on single objects are drawn, asked for and drawn, px; by their errors without.
+    single_px: Option<[f64; 2]>,
     hidden: CollectionSet,
 }
 
@@ -46,9 +48,16 @@ impl Thresholds {
         let (asked_px, drawn_px) = match params.objects {
             ObjectsMode::Off => return None,
             ObjectsMode::Flat => (0.0, params.threshold_px * (raised - 1.0)),
-            ObjectsMode::Cells | ObjectsMode::Groups => (params.threshold_px, params.threshold_px * raised),
+            ObjectsMode::Cells | ObjectsMode::Groups | ObjectsMode::Vgis { .. } => {
+                (params.threshold_px, params.threshold_px * raised)
+            }
         };
-        Some(Self { asked_px, drawn_px, groups: params.objects == ObjectsMode::Groups, hidden: params.hidden })
+        let (groups, single_px) = match params.objects {
+            ObjectsMode::Groups => (true, None),
+            ObjectsMode::Vgis { single_px } => (true, Some([single_px, single_px * raised])),
+            ObjectsMode::Off | ObjectsMode::Flat | ObjectsMode::Cells => (false, None),
+        };
+        Some(Self { asked_px, drawn_px, groups, single_px, hidden: params.hidden })
     }
 }
 

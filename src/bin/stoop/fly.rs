@@ -157,8 +157,8 @@ pub struct Arguments {
     #[arg(long, value_enum, default_value = "groups")]
     objects: ObjectsArgument,
     /// Objects that project smaller are neither drawn nor read, pixels; a second value is for single objects where
-    /// groups stand in for them (no world of this version has groups)
-    #[arg(long, value_name = "PX[,PX]", default_value = "1,10", value_delimiter = ',', value_parser = cli::positive)]
+    /// groups stand in for them, which VGIS has at 10; without it groups stand in by their errors
+    #[arg(long, value_name = "PX[,PX]", default_value = "1", value_delimiter = ',', value_parser = cli::positive)]
     threshold_px: Vec<f64>,
     /// Write pictures into this folder: of every frame, or when --at-secs or --every-secs say
     #[arg(long, value_name = "DIR")]
@@ -251,7 +251,10 @@ impl Arguments {
                 ObjectsArgument::Off => ObjectsMode::Off,
                 ObjectsArgument::Flat => ObjectsMode::Flat,
                 ObjectsArgument::Cells => ObjectsMode::Cells,
-                ObjectsArgument::Groups => ObjectsMode::Groups,
+                ObjectsArgument::Groups => match self.threshold_px.get(1) {
+                    Some(&single_px) => ObjectsMode::Vgis { single_px },
+                    None => ObjectsMode::Groups,
+                },
             },
             hidden: CollectionSet::NONE,
             footprint: self.footprint,

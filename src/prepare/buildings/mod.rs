@@ -33,6 +33,7 @@ use crate::forest::{CellId, LEVEL_MAX};
 use crate::geodesy::VerticalDatum;
 use crate::store::{CollectionInfo, PrismPage, RepInfo, SourceInfo, encode_objects};
 use rayon::prelude::*;
+use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 use std::sync::Arc;
@@ -117,7 +118,7 @@ pub fn prepare_collection(
         object.prism.cell = item.home(changeover.level);
     }
     let large = items.iter().filter(|item| item.deepest < changeover.level).count() as u64;
-    gathered.objects.par_sort_by_key(|object| (object.prism.cell, object.prism.id));
+    gathered.objects.par_sort_by_cached_key(|object| (object.prism.cell, largest_first(&object.prism)));
     let bounds_deg = bounds_deg(&gathered.objects);
     let pages = pages(&gathered.objects, collection, &section.name, ground, progress)?;
     let info = CollectionInfo {
@@ -424,6 +425,11 @@ fn encode_page(page: PrismPage, attributes: &[String], name: &str) -> Result<Obj
         below_dimension_m: None,
         bytes,
     })
+}
+
+/// Within a cell the largest come first: from afar those above the threshold are one run, and one draw call.
+fn largest_first(prism: &Prism) -> (Reverse<u64>, u32) {
+    (Reverse((prism.dimension_m() * 100.0) as u64), prism.id)
 }
 
 /// A JSON text for each object, or none at all where all are empty.

@@ -27,6 +27,8 @@ pub struct Ground<'a> {
 const STEP_M: f64 = 10.0;
 /// Places along one wall; longer walls have them farther apart.
 const STEPS_MAX: f64 = 64.0;
+/// Foundations of what stands on the ground are never less than this, metres: who has one, stands.
+pub const FOUNDATION_MIN_M: f64 = 0.01;
 /// Visible walls are never less than this, metres.
 pub(super) const WALL_MIN_M: f64 = 0.05;
 
@@ -70,7 +72,7 @@ pub fn prism(
         let base_m = ground_m.max(own_m).min(top_m - WALL_MIN_M);
         let lowest_m = lowest_m(&footprint, ground).min(ground_m);
         let error_m = (ground.error_m)(center.lat_rad, center.lon_rad);
-        (base_m, (base_m - lowest_m).max(0.0) + error_m)
+        (base_m, ((base_m - lowest_m).max(0.0) + error_m).max(FOUNDATION_MIN_M))
     };
     Prism {
         id: 0,

@@ -7,7 +7,7 @@
 use super::groups::{Group, group, simpler};
 use super::pack::{PAGE_BYTES_MAX, PagePlan};
 use super::place::Ground;
-use super::{ERROR_M, ObjectsPage, Placed, PrepareError, encode_page};
+use super::{ERROR_M, ObjectsPage, Placed, PrepareError, encode_page, largest_first};
 use crate::content::{FIRST_GROUPS, ObjectPage, Prism};
 use crate::forest::CellId;
 use crate::store::{FOOTPRINT_UNIT_PER_ERROR, PrismPage};
@@ -227,7 +227,8 @@ impl<'t, 'a> Tree<'t, 'a> {
         Ok(Making::Made(self.encode(node, rep, group, power)?))
     }
 
-    fn encode(&self, node: &Node<'_>, rep: u8, group: Group, power: u32) -> Result<Made, PrepareError> {
+    fn encode(&self, node: &Node<'_>, rep: u8, mut group: Group, power: u32) -> Result<Made, PrepareError> {
+        group.prisms.sort_by_cached_key(|prism| (prism.cell, largest_first(prism)));
         let triangles = group.prisms.iter().map(Prism::triangles).sum();
         let of = PrismPage {
             root: node.root,

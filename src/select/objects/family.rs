@@ -46,6 +46,13 @@ struct Settled {
     drawn: Option<usize>,
 }
 
+/// What is chosen by: what was asked for, or what is drawn where memory or time lack.
+#[derive(Clone, Copy)]
+enum Standard {
+    Asked,
+    Drawn,
+}
+
 /// A page tree on the way down.
 struct Cover {
     cell: CellId,
@@ -200,7 +207,7 @@ impl Step<'_, '_> {
             self.settle_front(&mut cover, absent_px);
         }
         if !cover.seen {
-            match self.first_within(cover.above..cover.end, self.tolerance.asked_px) {
+            match self.choose(&cover, absent_px, Standard::Asked) {
                 Some(best) => {
                     self.see_groups(&cover, best, absent_px);
                     cover.seen = true;
@@ -250,9 +257,18 @@ impl Step<'_, '_> {
         Some(own.dimension_m * self.offer.px_per_m)
     }
 
-    /// The coarsest groups whose error is within a tolerance here.
-    fn first_within(&self, mut among: Range<usize>, tolerance_px: f64) -> Option<usize> {
-        among.find(|&at| self.family.chain[at].error_m * self.offer.px_per_m <= tolerance_px)
+    /// The groups that stand for a cover: the coarsest whose error is within the tolerance here; by VGIS's rule the finest,
+    /// as long as no object is large enough to be drawn singly.
+    fn choose(&self, cover: &Cover, absent_px: f64, standard: Standard) -> Option<usize> {
+        let mut among = cover.above..cover.end;
+        let by = |asked_and_drawn: [f64; 2]| asked_and_drawn[standard as usize];
+        match self.thresholds.single_px {
+            Some(single_px) => among.next_back().filter(|_| absent_px < by(single_px)),
+            None => {
+                let tolerance_px = by([self.tolerance.asked_px, self.tolerance.drawn_px]);
+                among.find(|&at| self.family.chain[at].error_m * self.offer.px_per_m <= tolerance_px)
+            }
+        }
     }
 
     /// Chooses for the whole subtree where the tolerance drawn is content with groups, and draws what is there of them:
@@ -262,7 +278,7 @@ impl Step<'_, '_> {
             cover.settled = Some(Settled { front: usize::MAX, drawn: None });
             return;
         }
-        let Some(front) = self.first_within(cover.above..cover.end, self.tolerance.drawn_px) else { return };
+        let Some(front) = self.choose(cover, absent_px, Standard::Drawn) else { return };
         let drawn = self.family.draw_groups(self.cells, cover, front..cover.end);
         cover.settled = Some(Settled { front, drawn });
         if drawn.is_none() {

@@ -10,6 +10,7 @@ mod blocks;
 mod columns;
 mod plane;
 
+use super::place::FOUNDATION_MIN_M;
 use super::place::Ground;
 use super::{Placed, place};
 use crate::content::Prism;
@@ -157,7 +158,7 @@ impl Block {
         let own_m = (ground.height_m)(footprint.lat_rad, place::wrap(footprint.lon_rad));
         let base_m = self.base_m.max(own_m).min(self.top_m - WALL_MIN_M);
         (prism.base_m, prism.top_m) = (base_m as f32, self.top_m as f32);
-        prism.foundation_m = (base_m - self.foot_m).max(0.0) as f32;
+        prism.foundation_m = (base_m - self.foot_m).max(FOUNDATION_MIN_M) as f32;
         Some(prism)
     }
 }

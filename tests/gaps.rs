@@ -1,0 +1,204 @@
+//! No building floats above the drawn ground or sinks into it, on steep ground, at every level of the terrain: in settled
+//! frames and in frames where the terrain is late.
+#![cfg(feature = "prepare")]
+#![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
+
+use std::collections::HashMap;
+use std::fs::{self, File};
+use std::path::Path;
+use std::sync::atomic::AtomicBool;
+use stoop::camera::{Pose, View};
+use stoop::cells::LiveTree;
+use stoop::content::{Page, PageId, PageKind, Prism};
+use stoop::engine::Lifts;
+use stoop::forest::CellId;
+use stoop::geodesy::Geodetic;
+use stoop::prepare::Recipe;
+use stoop::prepare::pipeline::{BuildOptions, Control, build};
+use stoop::select::{CollectionSet, DrawObjects, DrawPiece, ObjectsMode, OutOfView, SelectParams, Selection, select};
+use stoop::store::World;
+use stoop::units::ByteSize;
+use tiff::encoder::TiffEncoder;
+use tiff::encoder::colortype::Gray32Float;
+use tiff::tags::Tag;
+
+const WEST: f64 = -84.5;
+const NORTH: f64 = 33.9;
+const SIDE_DEG: f64 = 0.1;
+const STEP_DEG: f64 = 0.0005;
+/// Buildings along each side of the city.
+const ACROSS: u32 = 50;
+const PARAMS: SelectParams = SelectParams {
+    tolerance_px: 1.0,
+    threshold_px: 1.0,
+    objects: ObjectsMode::Groups,
+    hidden: CollectionSet::NONE,
+    out_of_view: OutOfView::Left,
+};
+const RECIPE: &str = r#"
+name = "slopes"
+[[elevation]]
+file = "globe.tif"
+vertical = "ellipsoid"
+[[elevation]]
+file = "slopes.tif"
+vertical = "ellipsoid"
+[[buildings]]
+name = "town"
+file = "town.geojson"
+height = "height"
+"#;
+
+/// Slopes of up to a half, with gentler waves below them.
+fn slopes_m(lon_deg: f64, lat_deg: f64) -> f64 {
+    600.0 + 150.0 * (lon_deg * 160.0).sin() * (lat_deg * 140.0).cos() + 40.0 * (lon_deg * 900.0 + lat_deg * 700.0).sin()
+}
+
+fn write_dem(path: &Path, size: (u32, u32), place: (f64, f64, f64), height_m: impl Fn(f64, f64) -> f64) {
+    let (west, north, step) = place;
+    let at = |i: u32| (west + f64::from(i % size.0) * step, north - f64::from(i / size.0) * step);
+    let posts: Vec<f32> = (0..size.0 * size.1).map(|i| height_m(at(i).0, at(i).1) as f32).collect();
+    let mut encoder = TiffEncoder::new(File::create(path).unwrap()).unwrap();
+    let mut image = encoder.new_image::<Gray32Float>(size.0, size.1).unwrap();
+    let tags = image.encoder();
+    tags.write_tag(Tag::ModelPixelScaleTag, &[step, step, 0.0][..]).unwrap();
+    tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, west, north, 0.0][..]).unwrap();
+    let keys = [1u16, 1, 0, 3, 1024, 0, 1, 2, 1025, 0, 1, 2, 2048, 0, 1, 4326];
+    tags.write_tag(Tag::GeoKeyDirectoryTag, &keys[..]).unwrap();
+    image.write_data(&posts).unwrap();
+}
+
+fn building(at: u32) -> String {
+    let spread = SIDE_DEG * 0.8 / f64::from(ACROSS);
+    let lon = WEST + SIDE_DEG * 0.1 + spread * f64::from(at % ACROSS);
+    let lat = NORTH - SIDE_DEG * 0.9 + spread * f64::from(at / ACROSS);
+    let (e, n) = (lon + 1e-4 + 1e-5 * f64::from(at % 17), lat + 1e-4 + 1e-5 * f64::from(at % 13));
+    let height = 4 + at * 7919 % 60;
+    format!(
+        r#"{{"type":"Feature","properties":{{"height":{height}}},"geometry":{{"type":"Polygon",
+        "coordinates":[[[{lon},{lat}],[{e},{lat}],[{e},{n}],[{lon},{n}],[{lon},{lat}]]]}}}}"#
+    )
+}
+
+fn world(folder: &Path) -> World {
+    let at = |name: &str| folder.join(name);
+    write_dem(&at("globe.tif"), (25, 13), (-180.0, 90.0, 15.0), |_, _| 500.0);
+    let posts = (SIDE_DEG / STEP_DEG) as u32 + 1;
+    write_dem(&at("slopes.tif"), (posts, posts), (WEST, NORTH, STEP_DEG), slopes_m);
+    let town: Vec<_> = (0..ACROSS * ACROSS).map(building).collect();
+    fs::write(at("town.geojson"), format!(r#"{{"type":"FeatureCollection","features":[{}]}}"#, town.join(",")))
+        .unwrap();
+    fs::write(at("recipe.toml"), RECIPE).unwrap();
+    let recipe = Recipe::read(&at("recipe.toml")).unwrap();
+    let options = BuildOptions { out: at("world"), root: None, memory: ByteSize(64 << 20), replace: false };
+    let control = Control { stop: &AtomicBool::new(false), on_progress: &|_| {}, on_done: &|_| {}, on_note: &|_| {} };
+    build(&recipe, &options, &control).unwrap();
+    World::open(&at("world")).unwrap()
+}
+
+/// All pages of a world, and the prisms of those of objects.
+struct Pages {
+    pages: Vec<Page>,
+    prisms: HashMap<PageId, Vec<Prism>>,
+}
+
+fn pages(world: &World) -> Pages {
+    let (mut pages, mut prisms) = (Vec::new(), HashMap::new());
+    let index = world.index();
+    for node in index.trees().flat_map(|tree| tree.nodes()) {
+        let cell = node.cell();
+        if let Some(terrain) = node.terrain() {
+            pages.push(world.load(PageId { cell, kind: PageKind::Terrain }, terrain.place).unwrap());
+        }
+        for entry in node.objects() {
+            let id = PageId { cell, kind: PageKind::Objects { collection: entry.collection, rep: entry.rep } };
+            let bytes = world.read(id, entry.place).unwrap();
+            prisms.insert(id, world.prisms(id, entry.place, &bytes).unwrap().prisms);
+            pages.push(world.load(id, entry.place).unwrap());
+        }
+    }
+    Pages { pages, prisms }
+}
+
+fn piece_at<'p>(pieces: &HashMap<CellId, &'p DrawPiece>, lat_rad: f64, lon_rad: f64) -> Option<&'p DrawPiece> {
+    CellId::containing(lat_rad, lon_rad, 22).ancestors().find_map(|cell| pieces.get(&cell).copied())
+}
+
+/// The worst of a frame, px, and how many corners were looked at.
+#[derive(Clone, Copy, Debug, Default)]
+struct Worst {
+    floats_px: f64,
+    sinks_px: f64,
+    corners: u32,
+}
+
+impl Worst {
+    fn add(&mut self, other: Self) {
+        self.floats_px = self.floats_px.max(other.floats_px);
+        self.sinks_px = self.sinks_px.max(other.sinks_px);
+        self.corners += other.corners;
+    }
+}
+
+fn worst(view: &View, world: &World, selection: &Selection, pages: &Pages) -> Worst {
+    let mut lifts = Lifts::default();
+    let mut lifts_m: HashMap<PageId, Vec<f32>> = HashMap::new();
+    lifts.follow(world.index(), selection, |page, lifts| _ = lifts_m.insert(page, lifts.to_vec()));
+    let pieces: HashMap<CellId, &DrawPiece> = selection.pieces.iter().map(|piece| (piece.cell, piece)).collect();
+    let ground_m = |lat_rad: f64, lon_rad: f64| {
+        let piece = piece_at(&pieces, lat_rad, lon_rad)?;
+        piece.terrain.surface_height_m(lat_rad, lon_rad, f64::from(piece.own))
+    };
+    let mut worst = Worst::default();
+    for DrawObjects { page, objects } in &selection.objects {
+        let prisms = &pages.prisms[&page.id()];
+        for at in objects.iter().flat_map(Clone::clone).map(|at| at as usize) {
+            let (object, prism) = (&page.objects[at], &prisms[at]);
+            let lift_m = lifts_m.get(&page.id()).map_or(0.0, |lifts_m| f64::from(lifts_m[at]));
+            let base_m = f64::from(object.base_m);
+            let foot_m = base_m - f64::from(prism.foundation_m) + lift_m;
+            let px_per_m = view.projected_px(1.0, view.eye().distance_m(object.place));
+            if let Some(own_m) = ground_m(object.lat_rad, object.lon_rad) {
+                worst.sinks_px = worst.sinks_px.max((own_m - base_m - lift_m.max(0.0) - 0.02) * px_per_m);
+            }
+            for &[lon_rad, lat_rad] in prism.rings.iter().flatten() {
+                let Some(ground_m) = ground_m(lat_rad, lon_rad) else { continue };
+                worst.floats_px = worst.floats_px.max((foot_m - ground_m) * px_per_m);
+                worst.corners += 1;
+            }
+        }
+    }
+    worst
+}
+
+#[test]
+fn no_building_floats_or_sinks_whatever_level_of_the_terrain_is_drawn() {
+    let folder = tempfile::tempdir().unwrap();
+    let world = world(folder.path());
+    let pages = pages(&world);
+    let finest = pages.pages.iter().map(|page| if let Page::Terrain(page) = page { page.cell.level() } else { 0 });
+    let finest = finest.max().unwrap();
+    let mut late = Worst::default();
+    for height_m in [900.0, 1_500.0, 4_000.0, 12_000.0] {
+        let eye = Geodetic::from_degrees(NORTH - SIDE_DEG * 0.6, WEST + SIDE_DEG / 2.0, height_m);
+        let view = View::new(Pose { eye, heading_rad: 0.3, pitch_rad: -0.7 }, 1.05, [640, 360]);
+        for level in (0..=finest).rev() {
+            let mut cells = LiveTree::default();
+            for page in &pages.pages {
+                if !matches!(page, Page::Terrain(terrain) if terrain.cell.level() > level) {
+                    cells.insert(page);
+                }
+            }
+            let selection = select(world.index(), &cells, &view, &PARAMS);
+            let worst = worst(&view, &world, &selection, &pages);
+            println!("{height_m} m, terrain to level {level}: {worst:?}");
+            if level == finest {
+                assert_eq!(selection.stats.debt_px, 0.0);
+                assert!(worst.floats_px <= PARAMS.tolerance_px && worst.sinks_px <= PARAMS.tolerance_px, "{worst:?}");
+            }
+            late.add(worst);
+        }
+    }
+    assert!(late.corners > 10_000, "{late:?}");
+    assert!(late.floats_px <= PARAMS.tolerance_px && late.sinks_px <= PARAMS.tolerance_px, "{late:?}");
+}
