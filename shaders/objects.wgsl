@@ -19,7 +19,8 @@ struct ObjectRecord {
 struct ObjectsPlace {
     // Of the mesh's origin from the eye, metres.
     offset: vec3<f32>,
-    spare: f32,
+    // How far it has come, 0 to 1; how far it has gone, 0 to -1. Only fs_fading asks.
+    fade: f32,
 }
 
 @group(1) @binding(0) var<storage, read> places: array<ObjectsPlace>;
@@ -41,6 +42,7 @@ struct ObjectVarying {
     @location(2) facade: vec2<f32>,
     // Part of a bay's width that is glass; 0 for roofs.
     @location(3) @interpolate(flat) glass: f32,
+    @location(4) @interpolate(flat) fade: f32,
 }
 
 struct Aov {
@@ -124,6 +126,7 @@ fn vs_main(vertex: ObjectVertex, @builtin(instance_index) instance: u32) -> Obje
     out.position = frame.clip_from_eye * vec4<f32>(from_eye, 1.0);
     out.color = through_air(lit(albedo, normal, up, above_base_m), from_eye, height_at(from_eye), up);
     out.id = record.id;
+    out.fade = places[instance].fade;
     out.facade = vec2<f32>(dot(from_place, cross(up, normal)), above_m);
     out.glass = select(glass_of(albedo), 0.0, is_roof);
     return out;
@@ -132,6 +135,25 @@ fn vs_main(vertex: ObjectVertex, @builtin(instance_index) instance: u32) -> Obje
 @fragment
 fn fs_color(in: ObjectVarying) -> @location(0) vec4<f32> {
     return vec4<f32>(in.color * facade_light(in.facade, in.glass), 1.0);
+}
+
+// Each of 64 values once in 8 x 8 pixels, between 0 and 1 (Bayer 1973).
+fn bayer(pixel: vec2<u32>) -> f32 {
+    let a = pixel.x ^ pixel.y;
+    let y = pixel.y;
+    let bits = (a & 1u) << 5u | (y & 1u) << 4u | (a & 2u) << 2u | (y & 2u) << 1u | (a & 4u) >> 1u | (y & 4u) >> 2u;
+    return (f32(bits) + 0.5) / 64.0;
+}
+
+// What comes is drawn in the pixels that what goes leaves out.
+@fragment
+fn fs_fading(in: ObjectVarying) -> @location(0) vec4<f32> {
+    let shown = bayer(vec2<u32>(in.position.xy)) < abs(in.fade);
+    let light = facade_light(in.facade, in.glass);
+    if shown != (in.fade >= 0.0) {
+        discard;
+    }
+    return vec4<f32>(in.color * light, 1.0);
 }
 
 @fragment

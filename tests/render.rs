@@ -14,7 +14,7 @@ use stoop::camera::View;
 use stoop::content::{Page, PageId, PageKind};
 use stoop::forest::{CellId, Zone};
 use stoop::geodesy::{Ecef, Geodetic, Point, SEMI_MAJOR_M, SEMI_MINOR_M};
-use stoop::render::{GpuLimits, IdOf, RenderError, Renderer, SKY_ID};
+use stoop::render::{DrawOptions, Fading, GpuLimits, IdOf, RenderError, Renderer, SKY_ID};
 use stoop::select::{DrawObjects, GroundPress, Selection};
 
 /// The direction through the centre of a pixel, ECEF axes; the component along the view axis is 1.
@@ -233,6 +233,44 @@ fn a_lift_raises_an_object_along_the_normal() {
     let after = top_row(&mut renderer);
     let expected = 5.0 / 30.0 * view.focal_px();
     assert!((before.floor() - after.floor() - expected).abs() <= 1.0, "{before} {after} {expected}");
+}
+
+#[test]
+fn what_comes_is_drawn_in_the_pixels_that_what_goes_leaves_out() {
+    let mut renderer = renderer();
+    let view = view([60.0, 25.0, 50.0], [0.0, 0.0], 60.0, [96, 96]);
+    let plate = facing_plate(&view, [0.0, 0.0, 30.0], [8.0, 8.0]);
+    // The same plate in two pages, lit alike: what goes is as good as what comes, but for its colour.
+    let [(old_page, old), (new_page, new)] = [12, 13].map(|level| {
+        let cell = CellId::containing(60f64.to_radians(), 25f64.to_radians(), level);
+        plates(cell, view.eye(), &[plate])
+    });
+    renderer.upload(&old_page).unwrap();
+    renderer.upload(&new_page).unwrap();
+    let nothing = selection_of(vec![]);
+    let options = DrawOptions { aov: false, ..AOV };
+    let mut picture = |fading: &[Fading]| {
+        renderer.draw_fading(&view, &nothing, &[], fading, &options).unwrap();
+        renderer.read_color().unwrap().chunks_exact(4).map(<[u8; 4]>::try_from).collect::<Result<Vec<_>, _>>().unwrap()
+    };
+    let fading = |draw: &DrawObjects, share: f32, comes: bool| Fading { draw: draw.clone(), share, comes };
+    let sky = picture(&[]);
+    let whole = picture(&[fading(&new, 1.0, true)]);
+    let covered = whole.iter().zip(&sky).filter(|(a, b)| a != b).count();
+    assert!(covered > 400);
+    assert_eq!(picture(&[fading(&old, 0.0, false)]), whole);
+    for share in [0.0f32, 0.1, 0.25, 0.5, 0.8, 0.97, 1.0] {
+        let (comes, goes) = (picture(&[fading(&new, share, true)]), picture(&[fading(&old, share, false)]));
+        let mut counts = [0; 2];
+        for at in 0..sky.len() {
+            let drawn = [comes[at] != sky[at], goes[at] != sky[at]];
+            assert_eq!(drawn[0] ^ drawn[1], whole[at] != sky[at], "pixel {at} at {share}");
+            counts = [counts[0] + u32::from(drawn[0]), counts[1] + u32::from(drawn[1])];
+        }
+        let shown = f64::from(counts[0]) / covered as f64;
+        assert!((shown - f64::from(share)).abs() < 0.08, "{shown} of {share}");
+        assert_eq!(picture(&[fading(&new, share, true), fading(&old, share, false)]), whole, "both at {share}");
+    }
 }
 
 #[test]

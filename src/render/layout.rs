@@ -81,7 +81,7 @@ pub fn mirrored_structs() -> Vec<Mirror> {
         mirror!("sky", Frame { clip_from_eye, eye, zenith, sun, right, up, forward, press, haze }),
         mirror!("terrain", Piece { offset, own, uv_scale, uv_offset, skirt_m, layer, id, textured }),
         mirror!("objects", ObjectRecord { place_m, id, wall_color, roof_color, lift, has_foundation }),
-        mirror!("objects", ObjectsPlace { offset, spare }),
+        mirror!("objects", ObjectsPlace { offset, fade }),
         vertex_mirror(
             "terrain",
             "TerrainVertex",

@@ -38,6 +38,7 @@ pub use device::RenderError;
 pub use eye::eye_relative;
 pub use ids::{IdOf, SKY_ID, is_cell};
 pub use layout::{Field, Mirror, mirrored_structs, shader_sources};
+pub use objects::Fading;
 pub use options::{DrawOptions, FrameStats, GpuLimits, Haze, Sun};
 #[cfg(feature = "window")]
 pub use overlay::Overlay;

@@ -32,7 +32,7 @@ pub(super) struct ObjectRecord {
 #[derive(Clone, Copy, Debug, PartialEq, Pod, Zeroable)]
 pub(super) struct ObjectsPlace {
     pub offset: [f32; 3],
-    pub spare: f32,
+    pub fade: f32,
 }
 
 /// Mirrors `ObjectVertex` in objects.wgsl: look and facing are one word there.
@@ -57,6 +57,23 @@ pub(super) struct ObjectsItem {
     page: PageId,
     ranges: Vec<Range<u32>>,
     place: ObjectsPlace,
+    is_fading: bool,
+}
+
+/// Objects that come in the place of others, or go.
+#[derive(Clone, Debug)]
+pub struct Fading {
+    pub draw: DrawObjects,
+    /// How far the fade has come, 0 to 1; what comes and what goes for it have the same.
+    pub share: f32,
+    pub comes: bool,
+}
+
+impl Fading {
+    /// As the shader has it: never 0 for what goes.
+    fn signed(&self) -> f32 {
+        if self.comes { self.share } else { -self.share.max(f32::MIN_POSITIVE) }
+    }
 }
 
 /// Counts of what was prepared for drawing.
@@ -168,10 +185,17 @@ impl ObjectsPass {
     }
 
     /// Puts the pages in order from near to far and writes what the shader needs of them.
-    pub fn prepare(&mut self, gpu: &Gpu, view: &View, draw: &[DrawObjects]) -> (Vec<ObjectsItem>, ObjectsCount) {
+    pub fn prepare(
+        &mut self,
+        gpu: &Gpu,
+        view: &View,
+        steady: &[DrawObjects],
+        fading: &[Fading],
+    ) -> (Vec<ObjectsItem>, ObjectsCount) {
         let mut count = ObjectsCount::default();
-        let mut items = Vec::with_capacity(draw.len());
-        for objects in draw {
+        let mut items = Vec::with_capacity(steady.len() + fading.len());
+        let fading = fading.iter().map(|fading| (&fading.draw, fading.signed(), true));
+        for (objects, fade, is_fading) in steady.iter().map(|draw| (draw, 0.0, false)).chain(fading) {
             let ranges = index_ranges(objects);
             if ranges.is_empty() {
                 continue;
@@ -183,12 +207,11 @@ impl ObjectsPass {
             };
             count.triangles += ranges.iter().map(|range| u64::from(range.end - range.start) / 3).sum::<u64>();
             let offset = eye_relative(resident.origin, view);
-            items.push((
-                offset.length_squared(),
-                ObjectsItem { page, ranges, place: ObjectsPlace { offset: offset.to_array(), spare: 0.0 } },
-            ));
+            let place = ObjectsPlace { offset: offset.to_array(), fade };
+            items.push((offset.length_squared(), ObjectsItem { page, ranges, place, is_fading }));
         }
-        items.sort_by(|a, b| a.0.total_cmp(&b.0));
+        // What fades has a pipeline of its own, behind that of all else.
+        items.sort_by(|(a, of_a), (b, of_b)| of_a.is_fading.cmp(&of_b.is_fading).then(a.total_cmp(b)));
         let items: Vec<_> = items.into_iter().map(|(_, item)| item).collect();
         let places: Vec<_> = items.iter().map(|item| item.place).collect();
         self.places.write(gpu, bytemuck::cast_slice(&places));
@@ -199,8 +222,12 @@ impl ObjectsPass {
     pub fn draw(&self, gpu: &Gpu, pass: &mut wgpu::RenderPass, aov: bool, items: &[ObjectsItem]) -> u32 {
         pass.set_pipeline(self.pipelines.get(gpu, aov));
         pass.set_bind_group(1, self.places.group(), &[]);
-        let mut calls = 0;
+        let (mut calls, mut fades) = (0, false);
         for (instance, item) in (0..).zip(items) {
+            if item.is_fading && !fades && !aov {
+                pass.set_pipeline(self.pipelines.fading(gpu));
+                fades = true;
+            }
             let Some(resident) = self.pages.get(&item.page) else { continue };
             pass.set_bind_group(2, &resident.group, &[]);
             pass.set_vertex_buffer(0, resident.vertices.slice(..));

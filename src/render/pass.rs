@@ -23,6 +23,7 @@ pub(super) struct Pipelines {
     layout: wgpu::PipelineLayout,
     color: wgpu::RenderPipeline,
     aov: OnceLock<wgpu::RenderPipeline>,
+    fading: OnceLock<wgpu::RenderPipeline>,
 }
 
 impl Pipelines {
@@ -37,23 +38,35 @@ impl Pipelines {
             bind_group_layouts: &groups,
             immediate_size: 0,
         });
-        let color = pipeline(gpu, &shape, &module, &layout, false);
-        Self { shape, module, layout, color, aov: OnceLock::new() }
+        let color = pipeline(gpu, &shape, &module, &layout, "fs_color", false);
+        Self { shape, module, layout, color, aov: OnceLock::new(), fading: OnceLock::new() }
     }
 
     pub fn get(&self, gpu: &Gpu, aov: bool) -> &wgpu::RenderPipeline {
         match aov {
             false => &self.color,
-            true => self.aov.get_or_init(|| pipeline(gpu, &self.shape, &self.module, &self.layout, true)),
+            true => self.aov.get_or_init(|| {
+                let entry = if self.shape.backdrop { "fs_color" } else { AOV_ENTRY };
+                pipeline(gpu, &self.shape, &self.module, &self.layout, entry, true)
+            }),
         }
     }
+
+    /// Colour alone, of what fades: the shader's `fs_fading`.
+    pub fn fading(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
+        self.fading.get_or_init(|| pipeline(gpu, &self.shape, &self.module, &self.layout, "fs_fading", false))
+    }
 }
+
+/// Fragments with ids and depths.
+const AOV_ENTRY: &str = "fs_aov";
 
 fn pipeline(
     gpu: &Gpu,
     shape: &PassShape,
     module: &wgpu::ShaderModule,
     layout: &wgpu::PipelineLayout,
+    entry: &str,
     aov: bool,
 ) -> wgpu::RenderPipeline {
     let target = |format, write_mask| Some(wgpu::ColorTargetState { format, blend: None, write_mask });
@@ -86,7 +99,7 @@ fn pipeline(
         multisample: Default::default(),
         fragment: Some(wgpu::FragmentState {
             module,
-            entry_point: Some(if aov && !shape.backdrop { "fs_aov" } else { "fs_color" }),
+            entry_point: Some(entry),
             compilation_options: Default::default(),
             targets: &targets,
         }),

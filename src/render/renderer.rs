@@ -7,7 +7,7 @@ use super::frame::{Frame, FrameGroup};
 use super::ids::{DrawnIds, IdOf};
 use super::imagery::{ImageryArena, ImageryPlace, PictureArray, world_image_bytes};
 use super::meshes::MeshArena;
-use super::objects::{ObjectsItem, ObjectsPass, gpu_bytes};
+use super::objects::{Fading, ObjectsItem, ObjectsPass, gpu_bytes};
 use super::options::{DrawOptions, FrameStats, GpuLimits};
 use super::read_back::ReadBack;
 #[cfg(feature = "window")]
@@ -19,7 +19,7 @@ use super::timing::GpuTimer;
 use crate::camera::View;
 use crate::content::{ImageryPage, Page, PageId, PageKind};
 use crate::forest::CellId;
-use crate::select::{DrawPiece, Selection};
+use crate::select::{DrawObjects, DrawPiece, Selection};
 
 /// A normal outcome: the caller drops something and tries again, or draws without.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
@@ -177,6 +177,20 @@ impl Renderer {
         selection: &Selection,
         options: &DrawOptions,
     ) -> Result<FrameStats, RenderError> {
+        self.draw_fading(view, selection, &selection.objects, &[], options)
+    }
+
+    /// The same while some objects give way to others: `steady` are those of the selection that are drawn whole. Nothing
+    /// fades in frames with ids.
+    pub fn draw_fading(
+        &mut self,
+        view: &View,
+        selection: &Selection,
+        steady: &[DrawObjects],
+        fading: &[Fading],
+        options: &DrawOptions,
+    ) -> Result<FrameStats, RenderError> {
+        let (steady, fading) = if options.aov { (&*selection.objects, &[][..]) } else { (steady, fading) };
         self.gpu.check()?;
         self.fit_targets(view.size_px, options.aov)?;
         self.frame.write(&self.gpu, &Frame::new(view, selection.press, options));
@@ -209,7 +223,7 @@ impl Renderer {
             };
             items.push(item);
         }
-        let (objects, count) = self.objects.prepare(&self.gpu, view, &selection.objects);
+        let (objects, count) = self.objects.prepare(&self.gpu, view, steady, fading);
         stats.object_triangles = count.triangles;
         stats.objects_missing = count.missing;
         stats.triangles = stats.terrain_triangles + stats.object_triangles;

@@ -471,7 +471,8 @@ impl Stage {
             Presented::Skipped(_) => return Next::At(Instant::now() + SKIPPED_WAIT),
             Presented::Shown => {}
         }
-        let moves = self.replay.is_some() || self.navigator.is_moving() || self.live.has_uploads();
+        let moves =
+            self.replay.is_some() || self.navigator.is_moving() || self.live.has_uploads() || self.live.is_fading();
         if moves || self.picture_asked || self.live.renderer().has_picture_pending() || repaint.is_zero() {
             // Frames that the display cannot show would only take time from the other threads.
             let due = begun + self.period;

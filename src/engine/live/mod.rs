@@ -5,6 +5,7 @@
 //! back come their sizes; only then may lists draw from them. What is to be removed or lifted goes with the lists, again
 //! and again until the render thread has confirmed it, as lists may be overtaken.
 
+mod fade;
 mod latest;
 mod list;
 mod remote;
@@ -24,6 +25,7 @@ use crate::render::{DrawOptions, GpuLimits, Renderer};
 use crate::select::OutOfView;
 use crate::units::ByteSize;
 use crossbeam_channel::{Receiver, Sender, bounded};
+use fade::Fades;
 use latest::Latest;
 pub use list::DisplayList;
 use list::{Change, Order};
@@ -93,6 +95,7 @@ pub struct Live {
     thread: Option<JoinHandle<()>>,
     list: Box<DisplayList>,
     lifts: LiftCopies,
+    fades: Fades,
     /// An upload that waits for its list.
     held_over: Option<Upload>,
     upload_rate: UploadRate,
@@ -157,6 +160,7 @@ impl Live {
             thread: None,
             list,
             lifts: LiftCopies::default(),
+            fades: Fades::default(),
             held_over: None,
             upload_rate: UploadRate::default(),
             counted: Totals::default(),
@@ -246,13 +250,17 @@ impl Live {
         self.order(view, t_s, pace);
         let mut timings = FrameTimings::default();
         let is_new = timed(&mut timings.upload_ms, || {
-            let is_new = self.take_list() || self.frames == 0;
+            let is_new = self.take_list(t_s) || self.frames == 0;
             self.take_uploads();
             is_new
         });
         let list = &self.list;
         let options = DrawOptions { lowest_m: self.source.manifest.height_range_m.0, ..DrawOptions::default() };
-        let drawn = timed(&mut timings.render_ms, || self.renderer.draw(view, &list.selection, &options))?;
+        let fades = self.fades.now(&list.selection.objects, t_s);
+        let drawn = timed(&mut timings.render_ms, || match &fades {
+            Some((steady, fading)) => self.renderer.draw_fading(view, &list.selection, steady, fading, &options),
+            None => self.renderer.draw(view, &list.selection, &options),
+        })?;
         timings.frame_ms = started.elapsed().as_secs_f64() * 1000.0;
         let mut report = list.report.clone();
         report.count(&std::mem::replace(&mut self.counted, list.totals), &list.totals);
@@ -304,7 +312,7 @@ impl Live {
     }
 
     /// False where there is no newer one.
-    fn take_list(&mut self) -> bool {
+    fn take_list(&mut self, t_s: f64) -> bool {
         let Some(list) = self.shared.lists.take() else { return false };
         let applied = self.shared.applied.load(Ordering::Relaxed);
         for (_, change) in list.changes.iter().filter(|&&(number, _)| number > applied) {
@@ -312,6 +320,7 @@ impl Live {
                 Change::Remove(page) => {
                     self.renderer.remove(*page);
                     self.lifts.forget(*page);
+                    self.fades.forget(*page);
                 }
                 Change::Lift(page, lifts_m) => {
                     self.renderer.set_lifts(*page, lifts_m);
@@ -319,6 +328,7 @@ impl Live {
                 }
             }
         }
+        self.fades.change(&self.list.selection.objects, &list.selection.objects, t_s);
         self.renderer.set_limits(list.limits);
         let is_over = list.report.footprint_bytes > self.params.footprint.0;
         if is_over {
@@ -357,6 +367,11 @@ impl Live {
             self.upload_rate.learn(taken_bytes, started.elapsed().as_secs_f64() * 1000.0);
             self.wake();
         }
+    }
+
+    /// Whether one rep is giving way to another.
+    pub fn is_fading(&self) -> bool {
+        !self.fades.is_empty()
     }
 
     /// Whether uploads wait for the next frame.
