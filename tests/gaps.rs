@@ -159,7 +159,10 @@ fn worst(view: &View, world: &World, selection: &Selection, pages: &Pages) -> Wo
             let foot_m = base_m - f64::from(prism.foundation_m) + lift_m;
             let px_per_m = view.projected_px(1.0, view.eye().distance_m(object.place));
             if let Some(own_m) = ground_m(object.lat_rad, object.lon_rad) {
-                worst.sinks_px = worst.sinks_px.max((own_m - base_m - lift_m.max(0.0) - 0.02) * px_per_m);
+                // What is drawn of the ground is off by as much as its own error.
+                let error_m = piece_at(&pieces, object.lat_rad, object.lon_rad).map_or(0.0, |piece| piece.error_m);
+                let slack_m = f64::from(error_m) + 0.02;
+                worst.sinks_px = worst.sinks_px.max((own_m - base_m - lift_m.max(0.0) - slack_m) * px_per_m);
             }
             for &[lon_rad, lat_rad] in prism.rings.iter().flatten() {
                 let Some(ground_m) = ground_m(lat_rad, lon_rad) else { continue };

@@ -125,7 +125,7 @@ proptest! {
                 prop_assert_eq!(tree.find_deepest(child).cell(), cell);
             }
         }
-        let objects: usize = cells.values().map(|info| info.objects.len()).sum();
+        let objects: usize = cells.values().map(|info| info.objects.len() + info.below.len()).sum();
         let bytes = tree.bytes();
         prop_assert_eq!((bytes.pinned, bytes.paged, bytes.absent), (32 * cells.len() + 12 * objects, 0, 0));
         prop_assert_eq!(bytes.directory, 32 * tree.segments().count());

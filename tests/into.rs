@@ -92,7 +92,7 @@ fn open_sound(dir: &Path) -> World {
 fn tops_m(world: &World, collection: u8) -> Vec<f32> {
     let mut tops = Vec::new();
     for (id, bytes) in pages(world) {
-        if matches!(id.kind, PageKind::Objects { collection: number, .. } if number == collection) {
+        if matches!(id.kind, PageKind::Objects { collection: number, rep: 0 } if number == collection) {
             let Page::Objects(page, _) = world.decode(id, Place { offset: 0, len: 0 }, &bytes).unwrap() else {
                 panic!()
             };

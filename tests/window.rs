@@ -333,7 +333,7 @@ fn what_cannot_be_opened_is_told_in_one_line_with_a_way_out() {
     };
     refused(stoop(&[world.to_str().unwrap()]), &["no window can be opened", "stoop fly"]);
     refused(stoop(&["no/such/world"]), &["no/such/world"]);
-    refused(stoop(&["a", "b"]), &["more than one world"]);
+    refused(stoop(&["a", "b"]), &["no world here"]);
     refused(stoop(&[world.to_str().unwrap(), "--frame-ms", "1"]), &["--frame-ms", "off or a number from 8 to 100"]);
     refused(stoop(&[world.to_str().unwrap(), "--stall-secs", "2"]), &["AT,FOR"]);
     fs::write(folder.path().join("world.json"), "{").unwrap();

@@ -73,13 +73,14 @@ pub fn heights_of(name: &str) -> (String, Heights) {
     let Ok(system) = parts else { return (name, Heights::Unknown) };
     match system["type"].as_str() {
         Some("CompoundCRS") => {
-            let [horizontal, vertical] = [0, 1].map(|part| code(&system["components"][part]));
-            let heights = match vertical.as_deref() {
-                Some("EPSG:5773") => Heights::Above(VerticalDatum::Egm96),
-                Some("EPSG:3855") => Heights::Above(VerticalDatum::Egm2008),
+            // PROJ leaves the codes of parts out where the whole has one: then the whole serves for its horizontal part.
+            let [horizontal, vertical] = [0, 1].map(|part| &system["components"][part]);
+            let heights = match (code(vertical).as_deref(), vertical["name"].as_str().unwrap_or_default()) {
+                (Some("EPSG:5773"), _) | (_, "EGM96 height") => Heights::Above(VerticalDatum::Egm96),
+                (Some("EPSG:3855"), _) | (_, "EGM2008 height") => Heights::Above(VerticalDatum::Egm2008),
                 _ => Heights::National,
             };
-            (horizontal.unwrap_or(name), heights)
+            (code(horizontal).unwrap_or(name), heights)
         }
         Some("GeographicCRS") if system["coordinate_system"]["axis"].as_array().is_some_and(|axes| axes.len() == 3) => {
             (name, Heights::Above(VerticalDatum::Ellipsoid))
@@ -125,16 +126,20 @@ mod tests {
     #[test]
     fn vertical_systems_are_told_from_the_horizontal() {
         let cases = [
-            ("EPSG:7415", "EPSG:28992", Heights::National),
-            ("urn:ogc:def:crs:EPSG::2056", "EPSG:2056", Heights::National),
-            ("EPSG:4979", "EPSG:4979", Heights::Above(VerticalDatum::Ellipsoid)),
-            ("EPSG:9707", "EPSG:4326", Heights::Above(VerticalDatum::Egm96)),
-            ("EPSG:9518", "EPSG:4326", Heights::Above(VerticalDatum::Egm2008)),
-            ("EPSG:25832", "EPSG:25832", Heights::Unknown),
-            ("nonsense", "nonsense", Heights::Unknown),
+            ("EPSG:7415", Heights::National),
+            ("urn:ogc:def:crs:EPSG::2056", Heights::National),
+            ("EPSG:4979", Heights::Above(VerticalDatum::Ellipsoid)),
+            ("EPSG:9707", Heights::Above(VerticalDatum::Egm96)),
+            ("EPSG:9518", Heights::Above(VerticalDatum::Egm2008)),
+            ("EPSG:25832", Heights::Unknown),
+            ("nonsense", Heights::Unknown),
         ];
-        for (name, horizontal, heights) in cases {
-            assert_eq!(heights_of(name), (horizontal.to_owned(), heights), "{name}");
+        for (name, heights) in cases {
+            assert_eq!(heights_of(name).1, heights, "{name}");
         }
+        // Whichever name stands for the horizontal part, coordinates come out the same.
+        let place = |crs: &str| ToLonLat::new("a file", Some(crs)).unwrap().convert([85_000.0, 447_000.0]).unwrap();
+        let (whole, part) = (place(&heights_of("EPSG:7415").0), place("EPSG:28992"));
+        assert!((0..2).all(|axis| (whole[axis] - part[axis]).abs() < 1e-7), "{whole:?} {part:?}");
     }
 }
