@@ -106,12 +106,13 @@ fn pages_of(
     })?;
     let mut objects: BTreeMap<CellId, Range> = BTreeMap::new();
     for (number, collection) in collections.iter().enumerate() {
-        for page in collection.pages.iter().filter(|page| page.root.zone() == zone) {
+        collection.for_each_page(zone, stages, &mut |page| {
             let place = writer.append(zone, &page.bytes)?;
-            add_objects(&mut nodes, page, number as u8, place);
+            add_objects(&mut nodes, &page, number as u8, place);
             let range = objects.entry(page.root).or_insert(page.height_range_m);
             *range = union(*range, page.height_range_m);
-        }
+            Ok(())
+        })?;
     }
     mark_alone(&mut nodes);
     close(&mut nodes, &grounds, &objects);

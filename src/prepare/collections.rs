@@ -1,11 +1,11 @@
 //! Building sets as a stage: prepared on the finished terrain, kept, and read back for the packs.
 
-use super::buildings::{Ground, ObjectsPage, PreparedCollection, prepare_collection};
+use super::buildings::{CollectionSummary, Ground, ObjectsPage, Packing, prepare_pages};
 use super::pipeline::BuildError;
 use super::recipe::BuildingsSection;
 use super::stage::{StageReader, Stages};
 use super::{OnProgress, Recipe};
-use crate::forest::{CellId, LEVEL_MAX};
+use crate::forest::{CellId, LEVEL_MAX, Zone};
 use crate::geodesy::VerticalDatum;
 use crate::store::{CollectionInfo, SourceInfo};
 use serde::{Deserialize, Serialize};
@@ -30,34 +30,75 @@ impl TerrainErrors {
     }
 }
 
-/// A finished building set.
+/// A finished building set. Its pages stay in its stage, so that sets larger than memory can be made.
 #[derive(Clone, Debug)]
 pub struct Collection {
     pub info: CollectionInfo,
     pub source: SourceInfo,
-    /// In the order in which they are to lie in the packs.
-    pub pages: Vec<ObjectsPage>,
+    /// Lowest and highest drawn height above the ellipsoid, metres; the first above the second where nothing is drawn.
+    pub height_range_m: (f64, f64),
+    number: usize,
+    /// Roots and places in the stage, in the order in which the pages are to lie in the packs.
+    pages: Vec<(CellId, u64)>,
 }
 
-/// The first record of a collection's stage, JSON; the pages follow.
+impl Collection {
+    /// Whether there are pages in a zone.
+    pub fn is_in(&self, zone: Zone) -> bool {
+        self.pages.iter().any(|(root, _)| root.zone() == zone)
+    }
+
+    /// Visits the pages in a zone, in their order.
+    pub fn for_each_page(
+        &self,
+        zone: Zone,
+        stages: &Stages,
+        visit: &mut dyn FnMut(ObjectsPage) -> Result<(), BuildError>,
+    ) -> Result<(), BuildError> {
+        let name = stage_name(self.number);
+        let mut records = stages.records(&name)?;
+        for &(_, position) in self.pages.iter().filter(|(root, _)| root.zone() == zone) {
+            let record = records.read(position)?;
+            visit(read_page_record(&record).ok_or_else(|| BuildError::StageContent(name.clone()))?)?;
+        }
+        Ok(())
+    }
+}
+
+/// The last record of a collection's stage, JSON; the pages lie before it.
 #[derive(Serialize, Deserialize)]
-struct Head {
+struct Summary {
     info: CollectionInfo,
     source: SourceInfo,
+    /// Absent where nothing is drawn: JSON has no infinities.
+    height_range_m: Option<(f64, f64)>,
 }
 
-/// Prepares the collection of a section. `vertical`: what its bases count from where it does not say.
+/// Prepares the collection of a section as a finished stage. `vertical`: what its bases count from where it does not
+/// say. `check` is asked before the stage is kept: one made of heights that could not be read must not be.
 pub fn prepare(
     section: &BuildingsSection,
     number: u8,
     root: &Path,
     vertical: VerticalDatum,
     ground: &Ground,
+    stages: &Stages,
+    check: &dyn Fn() -> Result<(), BuildError>,
     on_progress: OnProgress<'_>,
 ) -> Result<Collection, BuildError> {
-    let PreparedCollection { info, source, pages, .. } =
-        prepare_collection(section, root, vertical, ground, number, on_progress)?;
-    Ok(Collection { info, source, pages })
+    let name = stage_name(number.into());
+    let bad = || BuildError::StageContent(name.clone());
+    let mut writer = stages.write(&name)?;
+    let mut keep = |page: ObjectsPage| Ok(writer.record(&page_record(&page))?);
+    let of = Packing { name: &section.name, collection: number, ground, progress: on_progress };
+    let CollectionSummary { info, source, height_range_m, .. } =
+        prepare_pages::<BuildError>(section, root, vertical, &of, &mut keep)?;
+    check()?;
+    let height_range_m = (height_range_m.0 <= height_range_m.1).then_some(height_range_m);
+    let summary = Summary { info, source, height_range_m };
+    writer.record(&serde_json::to_vec(&summary).map_err(|_| bad())?)?;
+    writer.finish()?;
+    kept(number.into(), stages)?.ok_or_else(bad)
 }
 
 /// What bases count from where a section does not say: what the recipe's last elevation source counts from.
@@ -70,31 +111,25 @@ pub fn stage_name(number: usize) -> String {
     format!("collection-{number}")
 }
 
-/// Keeps a collection as a finished stage.
-pub fn keep(collection: &Collection, number: usize, stages: &Stages) -> Result<(), BuildError> {
-    let head = Head { info: collection.info.clone(), source: collection.source.clone() };
-    let bad = |_| BuildError::StageContent(stage_name(number));
-    let mut writer = stages.write(&stage_name(number))?;
-    writer.record(&serde_json::to_vec(&head).map_err(bad)?)?;
-    for page in &collection.pages {
-        writer.record(&page_record(page))?;
-    }
-    Ok(writer.finish()?)
-}
-
-/// Reads a kept collection; `None` when that stage is not done.
+/// A kept collection; `None` when that stage is not done. It is read through once, for its checksum.
 pub fn kept(number: usize, stages: &Stages) -> Result<Option<Collection>, BuildError> {
     let bad = || BuildError::StageContent(stage_name(number));
     let Some(mut reader): Option<StageReader> = stages.read(&stage_name(number))? else {
         return Ok(None);
     };
-    let head = reader.record()?.ok_or_else(bad)?;
-    let Head { info, source } = serde_json::from_slice(&head).map_err(|_| bad())?;
     let mut pages = Vec::new();
-    while let Some(record) = reader.record()? {
-        pages.push(read_page_record(&record).ok_or_else(bad)?);
+    let mut position = reader.position();
+    let mut record = reader.record()?.ok_or_else(bad)?;
+    loop {
+        let next = reader.position();
+        let Some(following) = reader.record()? else { break };
+        let root = record.first_chunk().copied().map(u64::from_le_bytes).and_then(CellId::from_u64);
+        pages.push((root.ok_or_else(bad)?, position));
+        (position, record) = (next, following);
     }
-    Ok(Some(Collection { info, source, pages }))
+    let Summary { info, source, height_range_m } = serde_json::from_slice(&record).map_err(|_| bad())?;
+    let height_range_m = height_range_m.unwrap_or((f64::INFINITY, f64::NEG_INFINITY));
+    Ok(Some(Collection { info, source, height_range_m, number, pages }))
 }
 
 /// Root, objects, dimension, reach, lowest and highest point, rep, error, largest dimension below or NaN (8 bytes each,

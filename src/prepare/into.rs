@@ -46,7 +46,7 @@ pub fn build_into(recipe: &Recipe, options: &IntoOptions, control: &Control) -> 
     let collections = collections_of(recipe, root, &change, half(options.memory), &stages, control)?;
     let started = Instant::now();
     let world_hash = mixed(&old.recipe_hash, fingerprint.world);
-    let manifest = write(change, collections, half(options.memory), world_hash, control)?;
+    let manifest = write(change, collections, half(options.memory), world_hash, &stages, control)?;
     let bytes = (manifest.pack_bytes + manifest.index_bytes).saturating_sub(old.pack_bytes + old.index_bytes);
     done(control, "write", &options.world.display().to_string(), 0, bytes, started, false);
     stages.remove()?;
@@ -114,17 +114,14 @@ fn collections_of(
             Some(collection) => collection,
             None => {
                 let progress = control.on_progress;
-                let made =
-                    ground.with(|ground| collections::prepare(section, number, root, vertical, ground, progress))?;
-                if let Some(failure) = ground.failure() {
-                    return Err(failure.into());
-                }
-                collections::keep(&made, number.into(), stages)?;
-                made
+                let check = || ground.failure().map_or(Ok(()), |failure| Err(failure.into()));
+                ground.with(|ground| {
+                    collections::prepare(section, number, root, vertical, ground, stages, &check, progress)
+                })?
             }
         };
-        let bytes = collection.pages.iter().map(|page| page.bytes.len() as u64).sum();
-        done(control, "objects", &section.name, collection.info.objects, bytes, started, resumed);
+        let info = &collection.info;
+        done(control, "objects", &section.name, info.objects, info.bytes, started, resumed);
         made.insert(number, collection);
     }
     Ok(made)
@@ -136,6 +133,7 @@ fn write(
     collections: BTreeMap<u8, Collection>,
     memory: ByteSize,
     hash: u64,
+    stages: &Stages,
     control: &Control,
 ) -> Result<Manifest, BuildError> {
     let world = change.world().manifest().clone();
@@ -157,11 +155,12 @@ fn write(
         let mut graft = Graft::new(zone, change.world().index().tree(zone));
         replaced.iter().for_each(|&number| graft.remove(number));
         for (&number, collection) in &collections {
-            for page in collection.pages.iter().filter(|page| page.root.zone() == zone) {
+            collection.for_each_page(zone, stages, &mut |page| {
                 task.step()?;
                 let place = change.append(zone, &page.bytes)?;
-                graft.add(number, page, place);
-            }
+                graft.add(number, &page, place);
+                Ok(())
+            })?;
         }
         unused_bytes += graft.unused_bytes;
         let tree = graft.finish(change.world(), &WorldGround::new(change.world(), memory))?;
@@ -183,7 +182,7 @@ fn write(
 
 /// Whether a zone gets pages or loses some.
 fn is_changed(zone: Zone, world: &World, collections: &BTreeMap<u8, Collection>, replaced: &[u8]) -> bool {
-    let gets = collections.values().flat_map(|collection| &collection.pages).any(|page| page.root.zone() == zone);
+    let gets = collections.values().any(|collection| collection.is_in(zone));
     let nodes = || world.index().tree(zone).into_iter().flat_map(IndexTree::nodes);
     let loses = || nodes().any(|node| node.objects().any(|entry| replaced.contains(&entry.collection)));
     gets || (!replaced.is_empty() && loses())
@@ -195,8 +194,7 @@ fn height_range_m(
     collections: &BTreeMap<u8, Collection>,
     roots: impl Iterator<Item = assemble::Range>,
 ) -> assemble::Range {
-    let pages = collections.values().flat_map(|collection| &collection.pages);
-    let exact = pages.map(|page| page.height_range_m).fold(old, assemble::union);
+    let exact = collections.values().map(|collection| collection.height_range_m).fold(old, assemble::union);
     let (low_m, high_m) = roots.fold((f64::INFINITY, f64::NEG_INFINITY), assemble::union);
     (exact.0.max(low_m), exact.1.min(high_m))
 }

@@ -222,8 +222,8 @@ impl Inputs<'_> {
         let started = Instant::now();
         let section = &recipe.buildings[usize::from(number)];
         let report = |collection: &Collection, resumed| {
-            let bytes = collection.pages.iter().map(|page| page.bytes.len() as u64).sum();
-            done(self.control, "objects", &section.name, collection.info.objects, bytes, started, resumed);
+            let info = &collection.info;
+            done(self.control, "objects", &section.name, info.objects, info.bytes, started, resumed);
         };
         if let Some(collection) = collections::kept(number.into(), self.stages)? {
             report(&collection, true);
@@ -235,9 +235,9 @@ impl Inputs<'_> {
             error_m: &|lat_rad, lon_rad| errors.finest_m(lat_rad, lon_rad),
         };
         let vertical = collections::vertical_of(recipe);
-        let collection = collections::prepare(section, number, root, vertical, &ground, self.control.on_progress)?;
-        self.heights_were_read()?;
-        collections::keep(&collection, number.into(), self.stages)?;
+        let check = || self.heights_were_read();
+        let progress = self.control.on_progress;
+        let collection = collections::prepare(section, number, root, vertical, &ground, self.stages, &check, progress)?;
         report(&collection, false);
         Ok(collection)
     }

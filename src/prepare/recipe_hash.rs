@@ -17,7 +17,7 @@ const EXTENSIONS: &[&str] = &[
 const PARTS: &[&str] = &["dbf", "prj", "cpg", "gpkg-wal"];
 
 /// Counts up when stages of the same sources come out otherwise, so that a newer program does not take over old ones.
-const STAGES_VERSION: u32 = 2;
+const STAGES_VERSION: u32 = 3;
 
 /// What a recipe and its sources were.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -6,7 +6,7 @@
 //! and as many bytes.
 
 use std::fs::File;
-use std::io::{self, BufReader, BufWriter, Read, Write};
+use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
 use xxhash_rust::xxh3::Xxh3;
 
@@ -78,13 +78,20 @@ impl Stages {
         }
         let fail = |cause| StageError { path: path.clone(), cause };
         let file = File::open(&path).map_err(fail)?;
-        let mut reader = StageReader { path: path.clone(), input: BufReader::new(file), sum: Xxh3::new() };
+        let mut reader = StageReader { path: path.clone(), input: BufReader::new(file), sum: Xxh3::new(), at: 0 };
         let mut head = [0; 16];
         reader.fill(&mut head)?;
         if head[..8] != MAGIC || head[8..] != self.hash.to_le_bytes() {
             return Err(fail(invalid("not a stage of this build")));
         }
         Ok(Some(reader))
+    }
+
+    /// The records of a finished stage by their places, for whoever has read it through.
+    pub fn records(&self, name: &str) -> Result<StageRecords, StageError> {
+        let path = self.path(name);
+        let file = File::open(&path).map_err(|cause| StageError { path: path.clone(), cause })?;
+        Ok(StageRecords { path, file })
     }
 
     /// Begins a stage; nothing shows before [`StageWriter::finish`].
@@ -154,13 +161,21 @@ pub struct StageReader {
     path: PathBuf,
     input: BufReader<File>,
     sum: Xxh3,
+    /// Bytes read.
+    at: u64,
 }
 
 impl StageReader {
     fn fill(&mut self, bytes: &mut [u8]) -> Result<(), StageError> {
         self.input.read_exact(bytes).map_err(|cause| StageError { path: self.path.clone(), cause })?;
         self.sum.update(bytes);
+        self.at += bytes.len() as u64;
         Ok(())
+    }
+
+    /// Where the next record begins, for [`StageRecords::read`].
+    pub fn position(&self) -> u64 {
+        self.at
     }
 
     /// The next record; `None` after the last one, when the checksum was right.
@@ -187,6 +202,29 @@ impl StageReader {
     }
 }
 
+/// A finished stage whose checksum was right, read here and there.
+pub struct StageRecords {
+    path: PathBuf,
+    file: File,
+}
+
+impl StageRecords {
+    /// The record that begins at a position.
+    pub fn read(&mut self, position: u64) -> Result<Vec<u8>, StageError> {
+        let fail = |cause| StageError { path: self.path.clone(), cause };
+        let mut len = [0; 4];
+        self.file.seek(SeekFrom::Start(position)).map_err(fail)?;
+        self.file.read_exact(&mut len).map_err(fail)?;
+        let len = u32::from_le_bytes(len) as usize;
+        if len > RECORD_MAX {
+            return Err(fail(invalid("changed while it was read")));
+        }
+        let mut bytes = vec![0; len];
+        self.file.read_exact(&mut bytes).map_err(fail)?;
+        Ok(bytes)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -204,6 +242,8 @@ mod tests {
         writer.finish().unwrap();
         let mut reader = Stages::open(&out, 7).unwrap().0.read("zone-03").unwrap().unwrap();
         assert_eq!(reader.record().unwrap().as_deref(), Some(&b"one"[..]));
+        let second = reader.position();
+        assert_eq!(stages.records("zone-03").unwrap().read(second).unwrap(), b"two");
         assert_eq!(reader.record().unwrap().as_deref(), Some(&b"two"[..]));
         assert_eq!(reader.record().unwrap(), None);
         let (stages, other) = Stages::open(&out, 8).unwrap();

@@ -108,7 +108,7 @@ pub struct LayerInfo {
 }
 
 /// A building set or the like.
-#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
 pub struct CollectionInfo {
     pub name: String,
     pub objects: u64,

@@ -4,10 +4,12 @@
 mod changeover;
 mod clean;
 mod color;
+mod copies;
 mod faces;
 mod groups;
 mod outline;
 mod pack;
+mod packed;
 mod place;
 mod plain;
 mod roof;
@@ -17,6 +19,8 @@ mod tree;
 
 pub use changeover::{Changeover, Item, choose, deepest_level};
 pub use clean::{AREA_MIN_M2, Footprint, Reason, TOLERANCE_M, clean};
+use copies::Copies;
+use packed::Packed;
 use plain::Plain;
 
 pub use pack::{PAGE_BYTES_MAX, PagePlan, plan};
@@ -31,7 +35,7 @@ use super::{OnProgress, PrepareError, Progress};
 use crate::content::Prism;
 use crate::forest::{CellId, LEVEL_MAX};
 use crate::geodesy::VerticalDatum;
-use crate::store::{CollectionInfo, PrismPage, RepInfo, SourceInfo, encode_objects};
+use crate::store::{CollectionInfo, PrismPage, SourceInfo, encode_objects};
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -84,6 +88,8 @@ pub struct Placed {
     pub lat_rad: f64,
     pub lon_rad: f64,
     pub reach_m: f64,
+    /// Longitude and latitude of where the ground of its building is asked for, radians.
+    ground_at: [f64; 2],
     /// What stands for its detail from afar.
     plain: Option<Box<Plain>>,
 }
@@ -100,6 +106,17 @@ pub struct Gathered {
     pub osm: Option<OsmBuildingCounts>,
 }
 
+/// What there is to tell of a collection whose pages have been handed on.
+#[derive(Clone, Debug)]
+pub struct CollectionSummary {
+    pub info: CollectionInfo,
+    pub source: SourceInfo,
+    /// What an OpenStreetMap extract held.
+    pub osm: Option<OsmBuildingCounts>,
+    /// Lowest and highest drawn height above the ellipsoid, metres; the first above the second where nothing is drawn.
+    pub height_range_m: (f64, f64),
+}
+
 /// Prepares the collection of a section. `vertical` is what its bases count from where the section does not say;
 /// `collection` its index in the manifest.
 pub fn prepare_collection(
@@ -110,31 +127,69 @@ pub fn prepare_collection(
     collection: u8,
     progress: OnProgress<'_>,
 ) -> Result<PreparedCollection, PrepareError> {
-    let mut gathered = gather(section, root, vertical, ground, progress)?;
+    let mut pages = Vec::new();
+    let mut keep = |page| {
+        pages.push(page);
+        Ok(())
+    };
+    let of = Packing { name: &section.name, collection, ground, progress };
+    let CollectionSummary { info, source, osm, .. } =
+        prepare_pages::<PrepareError>(section, root, vertical, &of, &mut keep)?;
+    Ok(PreparedCollection { info, source, pages, osm })
+}
+
+/// What all pages of a collection have in common.
+pub struct Packing<'a> {
+    pub name: &'a str,
+    pub collection: u8,
+    pub ground: &'a Ground<'a>,
+    pub progress: OnProgress<'a>,
+}
+
+/// Takes pages as they are made, ordered by root, the coarsest of a root first.
+pub type PageSink<'s, E> = dyn FnMut(ObjectsPage) -> Result<(), E> + 's;
+
+/// Prepares the collection of a section and hands its pages on, so that those of many copies need not be held at once.
+pub fn prepare_pages<E: From<PrepareError>>(
+    section: &BuildingsSection,
+    root: &Path,
+    vertical: VerticalDatum,
+    of: &Packing<'_>,
+    sink: &mut PageSink<'_, E>,
+) -> Result<CollectionSummary, E> {
+    let places = copies::places(section, root)?;
+    let flat = Ground { height_m: &|_, _| 0.0, error_m: &|_, _| 0.0 };
+    let ground = if places.is_some() { &flat } else { of.ground };
+    let mut gathered = gather(section, root, vertical, ground, of.progress)?;
     gathered.objects.par_sort_by_key(|object| (spatial_order(object.lat_rad, object.lon_rad), object.prism.id));
     let items: Vec<Item> = gathered.objects.par_iter().map(item).collect();
     let changeover = choose(&items);
-    for (object, item) in gathered.objects.iter_mut().zip(&items) {
-        object.prism.cell = item.home(changeover.level);
+    drop(items);
+    let mut packed = Packed::new(of, changeover.level, sink);
+    match places {
+        None => packed.add(std::mem::take(&mut gathered.objects))?,
+        Some(places) => {
+            let copies = Copies::new(&section.name, &gathered, &places)?;
+            let cells = copies.cells();
+            let (total, mut buried) = (cells.len() as u64, 0);
+            for (done, (cell, of_cell)) in cells.into_iter().enumerate() {
+                (of.progress)(Progress { stage: "copies", item: of.name, done: done as u64, total });
+                let (objects, buried_here) = copies.in_cell(cell, &of_cell, of.ground);
+                buried += buried_here;
+                packed.add(objects)?;
+            }
+            copies::count(&mut gathered, places.len() as u64, buried);
+        }
     }
-    let large = items.iter().filter(|item| item.deepest < changeover.level).count() as u64;
-    gathered.objects.par_sort_by_cached_key(|object| (object.prism.cell, largest_first(&object.prism)));
-    let bounds_deg = bounds_deg(&gathered.objects);
-    let pages = pages(&gathered.objects, collection, &section.name, ground, progress)?;
+    let height_range_m = packed.height_range_m;
+    let info = packed.finish(gathered.features);
     let info = CollectionInfo {
-        name: section.name.clone(),
-        objects: gathered.features,
-        pages: pages.len() as u64,
-        bytes: pages.iter().map(|page| page.bytes.len() as u64).sum(),
-        reps: reps(&pages),
-        changeover_level: changeover.level,
         vgis_level: changeover.vgis_level,
         cost_curve: changeover.curve,
-        large_objects: large,
         set_aside: gathered.set_aside,
         repaired: gathered.repaired,
-        bounds_deg,
         attributes: gathered.attributes.into_iter().collect(),
+        ..info
     };
     let source = SourceInfo {
         kind: "buildings".into(),
@@ -144,7 +199,7 @@ pub fn prepare_collection(
         spacing_m: 0.0,
         count: gathered.features,
     };
-    Ok(PreparedCollection { info, source, pages, osm: gathered.osm })
+    Ok(CollectionSummary { info, source, osm: gathered.osm, height_range_m })
 }
 
 /// Reads, cleans, sizes and places all features of a section. Cells are not chosen yet; ids count the features that
@@ -288,7 +343,10 @@ fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result
 impl Made {
     fn keep(&mut self, prisms: Vec<Prism>, feature: &Feature, rules: &Rules, notes: BTreeSet<clean::Reason>) {
         let attributes = rules.kept(feature);
-        self.objects = prisms.into_iter().map(|prism| Placed::new(prism, attributes.clone())).collect();
+        let rings = prisms.iter().filter_map(|prism| prism.rings.first());
+        let at = place::ground_at(rings, feature.ground.as_ref().map(|points| points.as_slice()));
+        let ground_at = [at.lon_rad, at.lat_rad];
+        self.objects = prisms.into_iter().map(|prism| Placed::new(prism, attributes.clone(), ground_at)).collect();
         self.names = feature.attributes.keys().filter(|name| rules.keeps(name)).cloned().collect();
         self.own_colors = rules.color_attributes(&feature.attributes);
         self.notes = notes;
@@ -316,11 +374,27 @@ impl Gathered {
 }
 
 impl Placed {
-    fn new(prism: Prism, attributes: String) -> Self {
-        let footprint = prism.footprint();
-        let reach_m = footprint.sides_m[0].max(footprint.sides_m[1]);
+    fn new(prism: Prism, attributes: String, ground_at: [f64; 2]) -> Self {
         let plain = plain::of(&prism).map(Box::new);
-        Self { lat_rad: footprint.lat_rad, lon_rad: place::wrap(footprint.lon_rad), reach_m, attributes, prism, plain }
+        let (lat_rad, lon_rad, reach_m) = place_of(&prism);
+        Self { lat_rad, lon_rad, reach_m, attributes, prism, ground_at, plain }
+    }
+
+    /// The same elsewhere, where its ground lies at a height above the ellipsoid, metres.
+    fn moved(&self, prism: Prism, ground_m: f64) -> Self {
+        let (lat_rad, lon_rad, reach_m) = place_of(&prism);
+        let plain = self.plain.as_ref().map(|plain| {
+            let top_m = ((f64::from(plain.prism.top_m) + ground_m) as f32).clamp(prism.base_m, prism.top_m);
+            let off_m = (f64::from(plain.prism.top_m) + ground_m - f64::from(top_m)).abs();
+            let prism = Prism { top_m, detail: None, ..prism.clone() };
+            Box::new(Plain { prism, error_m: plain.error_m + off_m })
+        });
+        Self { lat_rad, lon_rad, reach_m, attributes: self.attributes.clone(), prism, ground_at: self.ground_at, plain }
+    }
+
+    /// Largest side of its box, height included, metres.
+    fn dimension_m(&self) -> f64 {
+        self.reach_m.max(f64::from(self.prism.top_m) - f64::from(self.prism.base_m))
     }
 
     /// The object without its detail.
@@ -332,6 +406,13 @@ impl Placed {
     fn plain_error_m(&self) -> f64 {
         self.plain.as_ref().map_or(0.0, |plain| plain.error_m)
     }
+}
+
+/// Middle of a prism's box, radians, and its reach, metres.
+fn place_of(prism: &Prism) -> (f64, f64, f64) {
+    let footprint = prism.footprint();
+    let reach_m = footprint.sides_m[0].max(footprint.sides_m[1]);
+    (footprint.lat_rad, place::wrap(footprint.lon_rad), reach_m)
 }
 
 /// A key that keeps near places near: the finest cell.
@@ -348,54 +429,6 @@ fn bytes_about(object: &Placed) -> u32 {
     let corners: usize = object.prism.rings.iter().map(Vec::len).sum();
     let detail = object.prism.detail.as_ref().map_or(0, |detail| 4 * detail.corners.len() + 2 * detail.triangles());
     (16 + 4 * corners + detail + object.attributes.len() / 4) as u32
-}
-
-fn bounds_deg(objects: &[Placed]) -> [f64; 4] {
-    let start = [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY];
-    let bounds = objects
-        .iter()
-        .flat_map(|object| object.prism.rings.iter().flatten())
-        .fold(start, |b, p| [b[0].min(p[0]), b[1].min(p[1]), b[2].max(p[0]), b[3].max(p[1])]);
-    if objects.is_empty() { [0.0; 4] } else { bounds.map(f64::to_degrees) }
-}
-
-/// Packs objects, which must be ordered by cell, into pages and encodes them.
-fn pages(
-    objects: &[Placed],
-    collection: u8,
-    name: &str,
-    ground: &Ground,
-    progress: OnProgress<'_>,
-) -> Result<Vec<ObjectsPage>, PrepareError> {
-    let cells = objects.chunk_by(|a, b| a.prism.cell == b.prism.cell);
-    let cells: Vec<&[Placed]> = cells.collect();
-    let about = |objects: &[Placed]| objects.iter().map(|object| u64::from(bytes_about(object))).sum::<u64>();
-    let sizes: Vec<_> = cells.iter().map(|objects| (objects[0].prism.cell, about(objects))).collect();
-    let encode = |page: &PagePlan| encode(page, &cells, collection, name);
-    // A few pages show what the estimate is worth; then all are planned by it.
-    let first = plan(&sizes, PAGE_BYTES_MAX);
-    let samples: Vec<&PagePlan> = first.iter().step_by(first.len().div_ceil(8).max(1)).collect();
-    let taken = samples.par_iter().map(|page| encode(page).map(|page| page.bytes.len() as u64));
-    let taken: u64 = taken.collect::<Result<Vec<_>, _>>()?.into_iter().sum();
-    let planned: u64 = samples.iter().map(|page| page.bytes).sum();
-    let scaled: Vec<_> = sizes.iter().map(|&(cell, bytes)| (cell, (bytes * taken).div_ceil(planned.max(1)))).collect();
-    let plans = plan(&scaled, PAGE_BYTES_MAX);
-    let pages: Result<Vec<_>, PrepareError> = plans.par_iter().map(encode).collect();
-    progress(Progress { stage: "pages of buildings", item: name, done: plans.len() as u64, total: plans.len() as u64 });
-    tree::with_groups(pages?, &plans, &cells, collection, name, ground)
-}
-
-/// What there is of each rep, the finest first.
-fn reps(pages: &[ObjectsPage]) -> Vec<RepInfo> {
-    let mut reps: BTreeMap<u8, RepInfo> = BTreeMap::new();
-    for page in pages {
-        let info = reps.entry(page.rep).or_insert(RepInfo { rep: page.rep, ..RepInfo::default() });
-        info.pages += 1;
-        info.bytes += page.bytes.len() as u64;
-        info.objects += page.objects;
-        info.error_max_m = info.error_max_m.max(page.error_m);
-    }
-    reps.into_values().collect()
 }
 
 fn encode(plan: &PagePlan, cells: &[&[Placed]], collection: u8, name: &str) -> Result<ObjectsPage, PrepareError> {

@@ -40,16 +40,47 @@ pub fn ground_m(
     vertical: VerticalDatum,
     ground: &Ground,
 ) -> f64 {
-    let all = footprints.iter().flat_map(|footprint| footprint.rings[0].iter().copied());
-    let bounds = match whole {
-        Some(points) => bounds(points.iter().map(|p| p.map(f64::to_radians))),
-        None => bounds(all),
-    };
-    let center = bounds.center();
+    let center = ground_at(footprints.iter().map(|footprint| &footprint.rings[0]), whole);
     match extent.base_m {
         Some(base_m) => base_m + vertical.undulation_m(center.lat_rad, center.lon_rad),
         None => (ground.height_m)(center.lat_rad, center.lon_rad),
     }
+}
+
+/// Where a building of some outer rings (radians) stands: the middle of its box, or of the whole that it is part of
+/// (degrees).
+pub fn ground_at<'r>(rings: impl Iterator<Item = &'r Vec<[f64; 2]>>, whole: Option<&[[f64; 2]]>) -> Geodetic {
+    match whole {
+        Some(points) => bounds(points.iter().map(|p| p.map(f64::to_radians))),
+        None => bounds(rings.flatten().copied()),
+    }
+    .center()
+}
+
+/// Sets a prism that stands on a ground of height 0 on the ground of its building. Says whether its roof is below the
+/// terrain.
+pub fn raise(prism: &mut Prism, ground_m: f64, ground: &Ground) -> bool {
+    let Some(ring) = prism.rings.first() else { return false };
+    let foot_m = f64::from(prism.base_m) - f64::from(prism.foundation_m);
+    let (base_m, top_m) = (ground_m + f64::from(prism.base_m), ground_m + f64::from(prism.top_m));
+    let mut is_buried = false;
+    // What begins above the ground hangs in the air.
+    if foot_m > WALL_MIN_M {
+        (prism.base_m, prism.top_m) = (base_m as f32, top_m as f32);
+    } else {
+        let center = bounds(ring.iter().copied()).center();
+        let own_m = (ground.height_m)(center.lat_rad, wrap(center.lon_rad));
+        is_buried = own_m >= top_m;
+        let base_m = base_m.max(own_m).min(top_m - WALL_MIN_M);
+        let lowest_m = lowest_m(ring, ground).min(ground_m + foot_m);
+        let error_m = (ground.error_m)(center.lat_rad, wrap(center.lon_rad));
+        prism.foundation_m = ((base_m - lowest_m).max(0.0) + error_m) as f32;
+        (prism.base_m, prism.top_m) = (base_m as f32, top_m as f32);
+    }
+    for corner in prism.detail.iter_mut().flat_map(|detail| &mut detail.corners) {
+        corner.height_m += ground_m as f32;
+    }
+    is_buried
 }
 
 /// The prism over one footprint; its cell is still to be chosen.
@@ -70,7 +101,7 @@ pub fn prism(
             notes.insert("roof below the terrain");
         }
         let base_m = ground_m.max(own_m).min(top_m - WALL_MIN_M);
-        let lowest_m = lowest_m(&footprint, ground).min(ground_m);
+        let lowest_m = lowest_m(&footprint.rings[0], ground).min(ground_m);
         let error_m = (ground.error_m)(center.lat_rad, center.lon_rad);
         (base_m, ((base_m - lowest_m).max(0.0) + error_m).max(FOUNDATION_MIN_M))
     };
@@ -123,7 +154,8 @@ pub fn wrap(lon_rad: f64) -> f64 {
     (lon_rad + PI).rem_euclid(2.0 * PI) - PI
 }
 
-fn bounds(points: impl Iterator<Item = [f64; 2]>) -> GeoBounds {
+/// Of longitudes and latitudes, radians.
+pub fn bounds(points: impl Iterator<Item = [f64; 2]>) -> GeoBounds {
     let empty = GeoBounds {
         west_rad: f64::INFINITY,
         south_rad: f64::INFINITY,
@@ -143,9 +175,8 @@ pub fn center(footprint: &Footprint) -> Geodetic {
     bounds(footprint.rings[0].iter().copied()).center()
 }
 
-/// Lowest terrain along the walls, metres.
-pub fn lowest_m(footprint: &Footprint, ground: &Ground) -> f64 {
-    let ring = &footprint.rings[0];
+/// Lowest terrain along the walls over an outer ring, metres.
+pub fn lowest_m(ring: &[[f64; 2]], ground: &Ground) -> f64 {
     let mut lowest = f64::INFINITY;
     for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
         let (east, north) = ((b[0] - a[0]) * a[1].cos(), b[1] - a[1]);

@@ -29,6 +29,8 @@ pub struct Rules {
     color: Option<String>,
     id: Option<String>,
     keep: Option<Vec<String>>,
+    /// Heights above a datum mean nothing where copies are set down: all stands on the terrain.
+    pub on_terrain: bool,
     /// What `base` counts from.
     pub vertical: VerticalDatum,
 }
@@ -64,7 +66,6 @@ impl Rules {
             Some(amount) => parse(key, amount),
             None => Ok(Expression::Attribute(name.to_owned())),
         };
-        refuse_what_is_not_yet(section)?;
         Ok(Self {
             height: or_attribute("height", &section.height, "height")?,
             levels: or_attribute("levels", &section.levels, "building:levels")?,
@@ -76,6 +77,7 @@ impl Rules {
             color: section.color.clone(),
             id: section.id.clone(),
             keep: section.attributes.clone(),
+            on_terrain: section.copies.is_some(),
             vertical,
         })
     }
@@ -120,7 +122,7 @@ impl Rules {
 
     /// What the source says of the ground, above its datum, metres.
     pub fn base_m(&self, attributes: &Map<String, Value>) -> Result<Option<f64>, WrongType> {
-        let base = self.base.as_ref().map(|base| base.value(attributes)).transpose()?;
+        let base = self.base.as_ref().filter(|_| !self.on_terrain).map(|base| base.value(attributes)).transpose()?;
         Ok(base.flatten().filter(|value| Some(*value) != self.nodata))
     }
 
@@ -192,14 +194,6 @@ impl Rules {
     }
 }
 
-fn refuse_what_is_not_yet(section: &BuildingsSection) -> Result<(), PrepareError> {
-    if section.copies.is_none() {
-        return Ok(());
-    }
-    let place = format!("[[buildings]] {:?}", section.name);
-    Err(PrepareError::unsupported("the recipe", place, "`copies`", "take the key out to prepare the rest"))
-}
-
 /// The level of detail that a section asks for.
 pub fn lod(section: &BuildingsSection) -> Result<Option<f64>, PrepareError> {
     let lod = match &section.lod {
@@ -262,13 +256,11 @@ mod tests {
     }
 
     #[test]
-    fn wrong_types_and_what_is_not_yet_are_errors() {
+    fn wrong_types_are_errors() {
         let attributes = json!({"height": [1]});
         assert!(rules("").extent(attributes.as_object().unwrap(), 1.0, &mut BTreeSet::new()).is_err());
-        for keys in ["height = \"3 *\"", "copies = \"a.csv\""] {
-            let section: BuildingsSection = toml::from_str(&format!("name = \"a\"\nfile = \"b\"\n{keys}")).unwrap();
-            assert!(Rules::new(&section, VerticalDatum::Ellipsoid).is_err(), "{keys}");
-        }
+        let section: BuildingsSection = toml::from_str("name = \"a\"\nfile = \"b\"\nheight = \"3 *\"").unwrap();
+        assert!(Rules::new(&section, VerticalDatum::Ellipsoid).is_err());
     }
 
     #[test]

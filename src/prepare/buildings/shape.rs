@@ -46,7 +46,7 @@ pub fn prisms(
     let footprints = outline(&faces, &feature.polygons).map_err(Failed::Unsound)?;
     let base_m = rules.base_m(&feature.attributes).map_err(Failed::Attributes)?;
     let whole = feature.ground.as_ref().map(|points| points.as_slice());
-    let raise_m = raise_m(shape, &footprints, whole, base_m, rules.vertical, ground);
+    let raise_m = raise_m(shape, &footprints, whole, base_m, rules, ground);
     let details = split(&faces, &footprints, raise_m);
     let parts = footprints.into_iter().zip(details).filter(|(_, detail)| detail.triangles() > 0);
     let prisms: Vec<Prism> =
@@ -82,16 +82,16 @@ fn raise_m(
     footprints: &[Footprint],
     whole: Option<&[[f64; 2]]>,
     base_m: Option<f64>,
-    vertical: VerticalDatum,
+    rules: &Rules,
     ground: &Ground,
 ) -> f64 {
     let level_m = |base_m: Option<f64>, vertical: VerticalDatum| {
         let extent = Extent { height_m: 0.0, min_height_m: 0.0, base_m, to_eaves: false };
         place::ground_m(footprints, whole, &extent, vertical, ground)
     };
-    match (base_m, shape.vertical) {
+    match (base_m, shape.vertical.filter(|_| !rules.on_terrain)) {
         (None, Some(datum)) => level_m(Some(0.0), datum),
-        (base_m, _) => level_m(base_m, vertical) - shape.lowest_m,
+        (base_m, _) => level_m(base_m, rules.vertical) - shape.lowest_m,
     }
 }
 
@@ -113,7 +113,7 @@ fn prism(
     let foundation_m = if in_air {
         base_m - low_m
     } else {
-        let lowest_m = place::lowest_m(&footprint, ground).min(low_m);
+        let lowest_m = place::lowest_m(&footprint.rings[0], ground).min(low_m);
         base_m - lowest_m + (ground.error_m)(center.lat_rad, center.lon_rad)
     };
     Prism {

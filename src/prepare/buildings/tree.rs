@@ -4,7 +4,7 @@
 //! objects below: the finest that fit in a page, and coarser ones by doubled error until the groups of the root above take
 //! over; at the top until next to nothing is left.
 
-use super::groups::{Group, group, simpler};
+use super::groups::{Group, Part, Plane, group, plane, simpler};
 use super::pack::{PAGE_BYTES_MAX, PagePlan};
 use super::place::Ground;
 use super::{ERROR_M, ObjectsPage, Placed, PrepareError, encode_page, largest_first};
@@ -48,10 +48,16 @@ struct Made {
     power: u32,
 }
 
+/// The objects of a node's subtree.
+struct Parts<'a> {
+    parts: Vec<Part<'a>>,
+    plane: Plane,
+}
+
 /// What comes of an error aimed at.
 enum Making {
     Made(Made),
-    /// More than a page can hold.
+    /// More than a page can hold, or than is worth one.
     TooMany,
     /// All that there is may vanish.
     Nothing,
@@ -173,9 +179,10 @@ impl<'t, 'a> Tree<'t, 'a> {
         let limit = ((own + below.sum::<usize>()) as f64 * SAVED_MIN) as usize;
         let first = node.children.iter().filter_map(|&child| finest[child].as_ref().map(|made| made.power)).max();
         let own_power = simplest.map_or(0, |made| made.power + 1);
+        let parts = self.parts(at);
         for power in first.unwrap_or_else(|| first_power(&node.own)).max(own_power)..ERRORS {
-            match self.make(at, FIRST_GROUPS, power)? {
-                Making::Made(made) if made.triangles <= limit && made.page.bytes.len() as u64 <= PAGE_BYTES_MAX => {
+            match self.make(at, &parts, FIRST_GROUPS, power, limit)? {
+                Making::Made(made) if made.page.bytes.len() as u64 <= PAGE_BYTES_MAX => {
                     return Ok(Some(made));
                 }
                 Making::Made(_) | Making::TooMany => {}
@@ -191,37 +198,48 @@ impl<'t, 'a> Tree<'t, 'a> {
         let above = self.nodes[at].parent.and_then(|parent| finest[parent].as_ref()).map_or(ERRORS, |made| made.power);
         let mut ladder = Ladder::new();
         let (mut triangles, mut error_m) = (first.triangles, first.page.error_m);
+        let parts = self.parts(at);
         for power in first.power + 1..above {
             let rep = usize::from(FIRST_GROUPS) + 1 + ladder.len();
             let Ok(rep) = u8::try_from(rep) else { break };
             if triangles < COARSER_TRIANGLES_MIN {
                 break;
             }
-            let Making::Made(made) = self.make(at, rep, power)? else { break };
-            let is_worth_it = made.triangles as f64 <= triangles as f64 * SAVED_MIN;
-            if is_worth_it && made.page.error_m > error_m {
-                (triangles, error_m) = (made.triangles, made.page.error_m);
-                ladder.push(made);
+            let limit = (triangles as f64 * SAVED_MIN) as usize;
+            match self.make(at, &parts, rep, power, limit)? {
+                Making::Made(made) if made.page.error_m > error_m => {
+                    (triangles, error_m) = (made.triangles, made.page.error_m);
+                    ladder.push(made);
+                }
+                Making::Made(_) | Making::TooMany => {}
+                Making::Nothing => break,
             }
         }
         Ok(ladder)
     }
 
-    fn make(&self, at: usize, rep: u8, power: u32) -> Result<Making, PrepareError> {
+    /// What groups at a node stand for: its own objects and those of each tree below it.
+    fn parts(&self, at: usize) -> Parts<'a> {
+        let node = &self.nodes[at];
+        let below = |child: usize| self.subtree(child).flat_map(|node| node.own.iter().copied()).collect();
+        let children = node.children.iter().map(|&child| (self.nodes[child].root, below(child)));
+        let parts: Vec<Part> = std::iter::once((node.root, node.own.clone())).chain(children).collect();
+        Parts { plane: plane(&parts), parts }
+    }
+
+    /// Groups of at most `limit` triangles.
+    fn make(&self, at: usize, of: &Parts<'a>, rep: u8, power: u32, limit: usize) -> Result<Making, PrepareError> {
         let node = &self.nodes[at];
         let error_m = ERROR_FIRST_M * f64::from(1u32 << power);
         if node.root.level() < GROUPS_LEVEL_MIN || error_m >= node.dimension_m {
             return Ok(Making::Nothing);
         }
-        let below = |child: usize| self.subtree(child).flat_map(|node| node.own.iter().copied()).collect();
-        let children = node.children.iter().map(|&child| (self.nodes[child].root, below(child)));
-        let parts: Vec<(CellId, Vec<&Placed>)> =
-            std::iter::once((node.root, node.own.clone())).chain(children).collect();
-        let group = group(&parts, error_m, self.ground);
+        let group = group(&of.parts, &of.plane, error_m, self.ground);
         if group.prisms.is_empty() {
             return Ok(Making::Nothing);
         }
-        if group.prisms.len() > ObjectPage::OBJECTS_MAX {
+        let triangles = group.prisms.iter().map(Prism::triangles).sum::<usize>();
+        if group.prisms.len() > ObjectPage::OBJECTS_MAX || triangles > limit {
             return Ok(Making::TooMany);
         }
         Ok(Making::Made(self.encode(node, rep, group, power)?))

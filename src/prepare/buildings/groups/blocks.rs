@@ -1,6 +1,6 @@
 //! Blocks: filled squares of one tile that touch along their sides, with roofs at about one height, as one footprint.
 
-use super::columns::{Column, Columns, SAMPLES, TILE, TileKey};
+use super::columns::{Column, Columns, SAMPLES, TILE, Tile, TileKey};
 use crate::prepare::buildings::clean::triangulate;
 use geo::{Area, Coord, LineString, Polygon, Simplify};
 use rustc_hash::FxHashMap;
@@ -99,19 +99,20 @@ pub struct Allowed {
     pub smallest_m: f64,
 }
 
-/// Joins the squares of all tiles, and tells each square its block's roof.
-pub fn blocks(columns: &mut Columns, allowed: Allowed) -> Vec<Block> {
+/// Joins the squares of the tiles that are wanted, and tells each square its block's roof.
+pub fn blocks(
+    columns: &mut Columns,
+    allowed: Allowed,
+    is_wanted: &dyn Fn(TileKey) -> bool,
+    made: &mut BTreeMap<TileKey, Vec<Block>>,
+) {
     let side_m = columns.side_m;
-    let mut keys: Vec<TileKey> = columns.tiles.keys().copied().collect();
-    keys.sort_unstable();
-    let mut blocks = Vec::new();
-    for key in keys {
-        if let Some(tile) = columns.tiles.get_mut(&key) {
-            tile.iter_mut().for_each(|column| column.block_top_m = f32::NAN);
-            of_tile(key, tile, allowed, side_m, &mut blocks);
-        }
+    for Tile { key, squares } in columns.tiles_mut().iter_mut().filter(|tile| is_wanted(tile.key)) {
+        squares.iter_mut().for_each(|column| column.block_top_m = f32::NAN);
+        let mut of_this = Vec::new();
+        of_tile(*key, squares, allowed, side_m, &mut of_this);
+        made.insert(*key, of_this);
     }
-    blocks
 }
 
 fn of_tile(key: TileKey, tile: &mut [Column], allowed: Allowed, side_m: f64, blocks: &mut Vec<Block>) {

@@ -5,7 +5,7 @@
 
 use super::plane::Plane;
 use crate::content::Prism;
-use rustc_hash::FxHashMap;
+use rustc_hash::{FxHashMap, FxHashSet};
 
 /// Lattice points along a square's side.
 pub const SAMPLES: i32 = 4;
@@ -72,8 +72,24 @@ pub type TileKey = [i32; 2];
 /// Squares of one side length.
 pub struct Columns {
     pub side_m: f64,
-    pub tiles: FxHashMap<TileKey, Box<[Column]>>,
+    numbers: FxHashMap<TileKey, u32>,
+    tiles: Vec<Tile>,
 }
+
+/// Squares that are side by side.
+pub struct Tile {
+    pub key: TileKey,
+    pub squares: Box<[Column]>,
+}
+
+impl Tile {
+    fn new(key: TileKey) -> Self {
+        Self { key, squares: vec![EMPTY; (TILE * TILE) as usize].into() }
+    }
+}
+
+/// A tile's number, remembered: what comes next is mostly in the same.
+type Last = Option<(TileKey, Option<u32>)>;
 
 /// A square's tile, and its place there.
 fn place([x, y]: [i32; 2]) -> (TileKey, usize) {
@@ -82,74 +98,105 @@ fn place([x, y]: [i32; 2]) -> (TileKey, usize) {
 
 impl Columns {
     pub fn new(side_m: f64) -> Self {
-        Self { side_m, tiles: FxHashMap::default() }
+        Self { side_m, numbers: FxHashMap::default(), tiles: Vec::new() }
     }
 
-    fn step_m(&self) -> f64 {
+    pub fn step_m(&self) -> f64 {
         self.side_m / f64::from(SAMPLES)
     }
 
-    pub fn add(&mut self, object: u32, prism: &Prism, shape: &Shape) {
-        let step_m = self.step_m();
-        shape.rows(step_m, &mut |row, from, to| {
-            // Runs of points in one square.
-            let mut at = from;
-            while at < to {
-                let square = at.div_euclid(SAMPLES);
-                let end = to.min((square + 1) * SAMPLES);
-                let (key, index) = place([square, row.div_euclid(SAMPLES)]);
-                let tile = self.tiles.entry(key).or_insert_with(|| vec![EMPTY; (TILE * TILE) as usize].into());
-                tile[index].add((end - at) as u32, object, prism);
-                at = end;
-            }
-        });
+    pub fn tiles_mut(&mut self) -> &mut [Tile] {
+        &mut self.tiles
     }
 
-    fn get(&self, square: [i32; 2]) -> Option<&Column> {
+    fn number(&self, key: TileKey, last: &mut Last) -> Option<u32> {
+        match *last {
+            Some((of, number)) if of == key => number,
+            _ => {
+                let number = self.numbers.get(&key).copied();
+                *last = Some((key, number));
+                number
+            }
+        }
+    }
+
+    /// Adds what an object covers of the tiles that are wanted.
+    pub fn add(&mut self, object: u32, prism: &Prism, runs: &[Run], is_wanted: &dyn Fn(TileKey) -> bool) {
+        let mut last: Last = None;
+        for &run in runs {
+            for (square, from, to) in run.by_square() {
+                let (key, index) = place(square);
+                if !is_wanted(key) {
+                    continue;
+                }
+                let number = self.number(key, &mut last).unwrap_or_else(|| {
+                    let number = self.tiles.len() as u32;
+                    self.numbers.insert(key, number);
+                    self.tiles.push(Tile::new(key));
+                    last = Some((key, Some(number)));
+                    number
+                });
+                self.tiles[number as usize].squares[index].add((to - from) as u32, object, prism);
+            }
+        }
+    }
+
+    /// Empties tiles, to be filled anew.
+    pub fn clear(&mut self, keys: &FxHashSet<TileKey>) {
+        for key in keys {
+            if let Some(&number) = self.numbers.get(key) {
+                self.tiles[number as usize].squares.fill(EMPTY);
+            }
+        }
+    }
+
+    fn get(&self, square: [i32; 2], last: &mut Last) -> Option<&Column> {
         let (key, index) = place(square);
-        self.tiles.get(&key).map(|tile| &tile[index])
+        self.number(key, last).map(|number| &self.tiles[number as usize].squares[index])
     }
 
     /// How far an object's roof may be from the nearest block, metres: the farthest of its lattice points, blocks
     /// farther than some squares away left out. Infinite where there are none, and no less than `enough_m` matters.
-    pub fn distance_m(&self, prism: &Prism, shape: &Shape, enough_m: f64) -> f64 {
-        let step_m = self.step_m();
+    pub fn distance_m(&self, prism: &Prism, runs: &[Run], enough_m: f64) -> f64 {
         let mut worst_m: f64 = 0.0;
-        shape.rows(step_m, &mut |row, from, to| {
-            let mut at = from;
-            while at < to && worst_m < enough_m {
-                let square = [at.div_euclid(SAMPLES), row.div_euclid(SAMPLES)];
-                let end = to.min((square[0] + 1) * SAMPLES);
-                match self.get(square).filter(|column| !column.block_top_m.is_nan()) {
-                    Some(column) => {
-                        let up_m = f64::from((column.block_top_m - prism.top_m).abs());
-                        worst_m = if up_m <= worst_m {
-                            worst_m
-                        } else {
-                            worst_m.max(self.near_m([at, row], square, prism, worst_m))
-                        };
-                    }
-                    None => {
-                        for point in at..end {
-                            worst_m = worst_m.max(self.near_m([point, row], square, prism, worst_m));
-                        }
+        let mut last: Last = None;
+        for (square, from, to, row) in
+            runs.iter().flat_map(|run| run.by_square().map(|(square, from, to)| (square, from, to, run.row)))
+        {
+            if worst_m >= enough_m {
+                break;
+            }
+            match self.get(square, &mut last).filter(|column| !column.block_top_m.is_nan()) {
+                Some(column) => {
+                    let up_m = f64::from((column.block_top_m - prism.top_m).abs());
+                    if up_m > worst_m {
+                        worst_m = worst_m.max(self.near_m([from, row], square, prism, worst_m, &mut last));
                     }
                 }
-                at = end;
+                None => {
+                    for point in from..to {
+                        worst_m = worst_m.max(self.near_m([point, row], square, prism, worst_m, &mut last));
+                    }
+                }
             }
-        });
+        }
         // Between lattice points half a step either way is left.
-        worst_m + step_m * std::f64::consts::FRAC_1_SQRT_2
+        worst_m + self.step_m() * std::f64::consts::FRAC_1_SQRT_2
     }
 
     /// From a lattice point at the roof to the blocks' roofs in the squares around, nearest squares first; what is within
     /// `enough_m` is near enough.
-    fn near_m(&self, point: [i32; 2], square: [i32; 2], prism: &Prism, enough_m: f64) -> f64 {
+    fn near_m(&self, point: [i32; 2], square: [i32; 2], prism: &Prism, enough_m: f64, last: &mut Last) -> f64 {
         let step_m = self.step_m();
         let mut nearest_m2 = f64::INFINITY;
         for (x, y) in around() {
+            // All of a ring and beyond is at least this far.
+            let ring_m = f64::from((x.abs().max(y.abs()) - 1).max(0)) * self.side_m;
+            if nearest_m2 <= ring_m.powi(2) {
+                break;
+            }
             let other = [square[0] + x, square[1] + y];
-            let Some(column) = self.get(other).filter(|column| !column.block_top_m.is_nan()) else { continue };
+            let Some(column) = self.get(other, last).filter(|column| !column.block_top_m.is_nan()) else { continue };
             let gap = |axis: usize| {
                 let at = f64::from(point[axis]) + 0.5;
                 let (from, to) = (f64::from(other[axis] * SAMPLES), f64::from((other[axis] + 1) * SAMPLES));
@@ -167,7 +214,7 @@ impl Columns {
     /// How far a block's roof may be from the nearest object, metres: no point of a square that is half covered is
     /// farther from what covers it than the square's side, and outlines are off by `outline_m` besides.
     pub fn reverse_m(&self, outline_m: f64) -> f64 {
-        let columns = self.tiles.values().flat_map(|tile| tile.iter());
+        let columns = self.tiles.iter().flat_map(|tile| tile.squares.iter());
         let filled = columns.filter(|column| !column.block_top_m.is_nan());
         filled.map(|column| (self.side_m + outline_m).hypot(column.off_m())).fold(0.0, f64::max)
     }
@@ -197,35 +244,72 @@ impl Shape {
         (0..2).any(|axis| (self.high[axis] - self.low[axis]) / step_m > LATTICE_MAX)
     }
 
-    /// Runs of lattice points inside, row by row: row, first point, the one after the last. One point in the middle
-    /// where a footprint lies between all of them.
-    fn rows(&self, step_m: f64, visit: &mut dyn FnMut(i32, i32, i32)) {
+    /// Runs of lattice points inside, row by row. One point in the middle where a footprint lies between all of them.
+    pub fn runs(&self, step_m: f64) -> Vec<Run> {
         let point = |metres: f64| (metres / step_m - 0.5).ceil() as i32;
         let (first, last) = (point(self.low[1]), point(self.high[1]));
         let mut crossings: Vec<f64> = Vec::new();
-        let mut found = false;
+        let mut runs = Vec::with_capacity((last - first).max(1) as usize);
         for row in first..last {
             let y = (f64::from(row) + 0.5) * step_m;
             crossings.clear();
             for ring in &self.rings {
-                for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
-                    if (a[1] <= y) != (b[1] <= y) {
+                let mut a = ring.last();
+                for b in ring {
+                    if let Some(a) = a.filter(|a| (a[1] <= y) != (b[1] <= y)) {
                         crossings.push(a[0] + (y - a[1]) / (b[1] - a[1]) * (b[0] - a[0]));
                     }
+                    a = Some(b);
                 }
             }
-            crossings.sort_by(f64::total_cmp);
-            for pair in crossings.chunks_exact(2) {
-                let (from, to) = (point(pair[0]), point(pair[1]));
-                if from < to {
-                    found = true;
-                    visit(row, from, to);
-                }
-            }
+            crossings.sort_unstable_by(f64::total_cmp);
+            let ends = crossings.chunks_exact(2).map(|pair| (point(pair[0]), point(pair[1])));
+            runs.extend(ends.filter(|(from, to)| from < to).map(|(from, to)| Run { row, from, to }));
         }
-        if !found && self.low[0] <= self.high[0] {
+        if runs.is_empty() && self.low[0] <= self.high[0] {
             let middle = |axis: usize| ((self.low[axis] + self.high[axis]) / 2.0 / step_m).floor() as i32;
-            visit(middle(1), middle(0), middle(0) + 1);
+            runs.push(Run { row: middle(1), from: middle(0), to: middle(0) + 1 });
         }
+        runs
     }
+}
+
+/// Lattice points side by side: their row, the first and the one after the last.
+#[derive(Clone, Copy, Debug)]
+pub struct Run {
+    row: i32,
+    from: i32,
+    to: i32,
+}
+
+impl Run {
+    /// Parts in one square each: the square, the first point and the one after the last.
+    fn by_square(self) -> impl Iterator<Item = ([i32; 2], i32, i32)> {
+        let y = self.row.div_euclid(SAMPLES);
+        (self.from.div_euclid(SAMPLES)..=(self.to - 1).div_euclid(SAMPLES))
+            .map(move |x| ([x, y], self.from.max(x * SAMPLES), self.to.min((x + 1) * SAMPLES)))
+    }
+}
+
+/// The tiles that the squares of some runs, and those that the nearest block of them is looked for in, lie in.
+pub fn tiles_about(runs: &[Run]) -> impl Iterator<Item = TileKey> {
+    let squares = runs.iter().fold([[i32::MAX; 2], [i32::MIN; 2]], |[low, high], run| {
+        let (from, to, row) =
+            (run.from.div_euclid(SAMPLES), (run.to - 1).div_euclid(SAMPLES), run.row.div_euclid(SAMPLES));
+        [[low[0].min(from), low[1].min(row)], [high[0].max(to), high[1].max(row)]]
+    });
+    let [low, high] = squares;
+    let tile = |square: i32, beyond: i32| square.saturating_add(beyond).div_euclid(TILE);
+    let columns = if runs.is_empty() { 0..0 } else { tile(low[0], -AROUND)..tile(high[0], AROUND) + 1 };
+    columns.flat_map(move |x| (tile(low[1], -AROUND)..=tile(high[1], AROUND)).map(move |y| [x, y]))
+}
+
+/// The tiles that runs lie in.
+pub fn tiles_of(runs: &[Run]) -> impl Iterator<Item = TileKey> {
+    let squares = runs.iter().flat_map(|run| {
+        let y = run.row.div_euclid(SAMPLES * TILE);
+        let wide = SAMPLES * TILE;
+        (run.from.div_euclid(wide)..=(run.to - 1).div_euclid(wide)).map(move |x| [x, y])
+    });
+    squares
 }

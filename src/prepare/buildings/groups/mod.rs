@@ -16,9 +16,11 @@ use super::{Placed, place};
 use crate::content::Prism;
 use crate::forest::CellId;
 use blocks::{Allowed, Block, blocks, simplified};
-use columns::{Columns, SAMPLES, Shape};
-use plane::Plane;
+use columns::{Columns, Run, Shape, TileKey, tiles_about, tiles_of};
+pub use plane::Plane;
 use rayon::prelude::*;
+use rustc_hash::FxHashSet;
+use std::collections::BTreeMap;
 
 /// Of the error aimed at: the squares' sides, how far a block's roof may be off those of its squares, its outline off
 /// their sides, and the outlines of landmarks off what they are.
@@ -39,11 +41,18 @@ pub struct Group {
     pub error_m: f64,
 }
 
-/// Makes groups of objects that the parts of a page stand for: each part's cell and objects.
-pub fn group(parts: &[(CellId, Vec<&Placed>)], error_m: f64, ground: &Ground) -> Group {
-    let plane = Plane::along_walls(parts.iter().flat_map(|(_, objects)| objects.iter().map(|object| object.plain())));
+/// A part of a page: its cell, and the objects that it stands for.
+pub type Part<'a> = (CellId, Vec<&'a Placed>);
+
+/// The plane in which groups of some parts are made.
+pub fn plane(parts: &[Part]) -> Plane {
+    Plane::along_walls(parts.iter().flat_map(|(_, objects)| objects.iter().map(|object| object.plain())))
+}
+
+/// Makes groups of objects that the parts of a page stand for.
+pub fn group(parts: &[Part], plane: &Plane, error_m: f64, ground: &Ground) -> Group {
     let made: Vec<Group> =
-        parts.par_iter().map(|(cell, objects)| part(*cell, objects, error_m, &plane, ground)).collect();
+        parts.par_iter().map(|(cell, objects)| part(*cell, objects, error_m, plane, ground)).collect();
     made.into_iter().fold(Group::default(), |mut all, part| {
         all.prisms.extend(part.prisms);
         all.error_m = all.error_m.max(part.error_m);
@@ -55,7 +64,7 @@ pub fn group(parts: &[(CellId, Vec<&Placed>)], error_m: f64, ground: &Ground) ->
 /// are left out.
 pub fn simpler(objects: &[&Placed], error_m: f64) -> Vec<Prism> {
     let plane = Plane::along_walls(objects.iter().map(|object| object.plain()));
-    let large = objects.par_iter().filter(|object| object.prism.dimension_m() >= error_m);
+    let large = objects.par_iter().filter(|object| object.dimension_m() >= error_m);
     large.map(|object| simpler_one(object, &plane, error_m)).collect()
 }
 
@@ -81,65 +90,113 @@ fn with_outline(prism: &Prism, shape: &Shape, plane: &Plane, within_m: f64) -> P
 struct Member<'a> {
     placed: &'a Placed,
     shape: Shape,
+    /// What it covers of the lattice.
+    runs: Vec<Run>,
     dimension_m: f64,
     landmark: bool,
+    /// How far what stands for it is off, metres.
+    error_m: f64,
+}
+
+impl<'a> Member<'a> {
+    fn new(placed: &'a Placed, plane: &Plane, step_m: f64) -> Self {
+        let shape = Shape::of(placed.plain(), plane);
+        let landmark = shape.is_beyond(step_m);
+        let runs = if landmark { Vec::new() } else { shape.runs(step_m) };
+        Self { placed, shape, runs, dimension_m: placed.dimension_m(), landmark, error_m: 0.0 }
+    }
+
+    fn is_in(&self, tiles: &FxHashSet<TileKey>) -> bool {
+        tiles_of(&self.runs).any(|key| tiles.contains(&key))
+    }
+
+    fn is_about(&self, tiles: &FxHashSet<TileKey>) -> bool {
+        tiles_about(&self.runs).any(|key| tiles.contains(&key))
+    }
+
+    /// How far the blocks that stand for it are off; 0 for landmarks, which stand for themselves.
+    fn measure_m(&self, columns: &Columns, outline_m: f64) -> f64 {
+        if self.landmark {
+            return 0.0;
+        }
+        let off_m = columns.distance_m(self.placed.plain(), &self.runs, self.dimension_m) + outline_m;
+        off_m.min(self.dimension_m)
+    }
+}
+
+/// Objects of one part of a page as blocks and landmarks.
+struct Making<'a> {
+    members: Vec<Member<'a>>,
+    columns: Columns,
+    made: BTreeMap<TileKey, Vec<Block>>,
+    allowed: Allowed,
+}
+
+impl<'a> Making<'a> {
+    fn new(objects: &[&'a Placed], error_m: f64, plane: &Plane) -> Self {
+        let columns = Columns::new(error_m * SIDE_PER_ERROR);
+        let members = objects.iter().map(|placed| Member::new(placed, plane, columns.step_m())).collect();
+        let allowed =
+            Allowed { step_m: error_m * STEP_PER_ERROR, outline_m: error_m * OUTLINE_PER_ERROR, smallest_m: error_m };
+        let mut making = Self { members, columns, made: BTreeMap::new(), allowed };
+        for (number, member) in making.members.iter().enumerate() {
+            making.columns.add(number as u32, member.placed.plain(), &member.runs, &|_| true);
+        }
+        blocks(&mut making.columns, allowed, &|_| true, &mut making.made);
+        for member in &mut making.members {
+            member.error_m = member.measure_m(&making.columns, allowed.outline_m);
+        }
+        making.find_landmarks(error_m);
+        making
+    }
+
+    /// Makes landmarks of what is off by more than the error, and the tiles where they were anew, again and again.
+    fn find_landmarks(&mut self, error_m: f64) {
+        for _ in 1..ROUNDS {
+            let mut changed: FxHashSet<TileKey> = FxHashSet::default();
+            for member in self.members.iter_mut().filter(|member| member.error_m > error_m) {
+                (member.landmark, member.error_m) = (true, 0.0);
+                changed.extend(tiles_of(&member.runs));
+            }
+            if changed.is_empty() {
+                break;
+            }
+            self.make_anew(&changed);
+        }
+    }
+
+    fn make_anew(&mut self, changed: &FxHashSet<TileKey>) {
+        self.columns.clear(changed);
+        let is_wanted = |key: TileKey| changed.contains(&key);
+        for (number, member) in self.members.iter().enumerate().filter(|(_, member)| !member.landmark) {
+            if member.is_in(changed) {
+                self.columns.add(number as u32, member.placed.plain(), &member.runs, &is_wanted);
+            }
+        }
+        blocks(&mut self.columns, self.allowed, &is_wanted, &mut self.made);
+        for member in self.members.iter_mut().filter(|member| !member.landmark) {
+            if member.is_about(changed) {
+                member.error_m = member.measure_m(&self.columns, self.allowed.outline_m);
+            }
+        }
+    }
 }
 
 fn part(cell: CellId, objects: &[&Placed], error_m: f64, plane: &Plane, ground: &Ground) -> Group {
-    let side_m = error_m * SIDE_PER_ERROR;
-    let mut members: Vec<Member> = objects
-        .iter()
-        .map(|placed| {
-            let shape = Shape::of(placed.plain(), plane);
-            let landmark = shape.is_beyond(side_m / f64::from(SAMPLES));
-            Member { placed, shape, dimension_m: placed.prism.dimension_m(), landmark }
-        })
-        .collect();
-    let allowed =
-        Allowed { step_m: error_m * STEP_PER_ERROR, outline_m: error_m * OUTLINE_PER_ERROR, smallest_m: error_m };
-    let mut round = 0;
-    let (columns, made, errors_m) = loop {
-        let mut columns = Columns::new(side_m);
-        for (number, member) in members.iter().enumerate().filter(|(_, member)| !member.landmark) {
-            columns.add(number as u32, member.placed.plain(), &member.shape);
-        }
-        let made = blocks(&mut columns, allowed);
-        let errors_m: Vec<f64> = members.iter().map(|member| member.error_m(&columns, allowed.outline_m)).collect();
-        round += 1;
-        let mut more = false;
-        for (member, &off_m) in members.iter_mut().zip(&errors_m) {
-            if off_m > error_m && round < ROUNDS {
-                (member.landmark, more) = (true, true);
-            }
-        }
-        if !more {
-            break (columns, made, errors_m);
-        }
-    };
+    let Making { members, columns, made, allowed } = Making::new(objects, error_m, plane);
     let landmark_m = error_m * LANDMARK_PER_ERROR;
     let landmarks = members
         .iter()
         .filter(|member| member.landmark)
         .map(|member| with_outline(member.placed.plain(), &member.shape, plane, landmark_m));
-    let blocks = made.iter().filter_map(|block| block.prism(&members, plane, ground));
+    let blocks = made.values().flatten().filter_map(|block| block.prism(&members, plane, ground));
     let mut prisms: Vec<Prism> = landmarks.chain(blocks).collect();
     prisms.iter_mut().for_each(|prism| prism.cell = cell);
     let has_landmarks = members.iter().any(|member| member.landmark);
     let least_m = columns.reverse_m(allowed.outline_m).max(if has_landmarks { landmark_m } else { 0.0 });
     // All this is measured against the objects without their details.
     let plain_m = members.iter().map(|member| member.placed.plain_error_m()).fold(0.0, f64::max);
-    Group { prisms, error_m: errors_m.into_iter().fold(least_m, f64::max) + plain_m }
-}
-
-impl Member<'_> {
-    /// How far the blocks that stand for it are off; 0 for landmarks, which stand for themselves.
-    fn error_m(&self, columns: &Columns, outline_m: f64) -> f64 {
-        if self.landmark {
-            return 0.0;
-        }
-        let off_m = columns.distance_m(self.placed.plain(), &self.shape, self.dimension_m) + outline_m;
-        off_m.min(self.dimension_m)
-    }
+    Group { prisms, error_m: members.iter().map(|member| member.error_m).fold(least_m, f64::max) + plain_m }
 }
 
 impl Block {
