@@ -38,6 +38,23 @@ struct ObjectVarying {
     @location(1) @interpolate(flat) id: u32,
 }
 
+// The pictures of a page with textures.
+@group(3) @binding(0) var atlas: texture_2d<f32>;
+@group(3) @binding(1) var atlas_sampler: sampler;
+
+struct TexturedVarying {
+    @builtin(position) position: vec4<f32>,
+    // Right and down in the atlas.
+    @location(0) uv: vec2<f32>,
+    // What is seen of a white surface, less the air before it.
+    @location(1) light: vec3<f32>,
+    @location(2) air: vec3<f32>,
+    // Of faces without a texture.
+    @location(3) @interpolate(flat) albedo: vec3<f32>,
+    @location(4) @interpolate(flat) is_textured: u32,
+    @location(5) @interpolate(flat) id: u32,
+}
+
 struct Aov {
     @location(0) color: vec4<f32>,
     @location(1) id: u32,
@@ -64,8 +81,17 @@ fn facing_of(bits: u32) -> vec3<f32> {
     return normalize(vec3<f32>(at - select(vec2<f32>(-fold), vec2<f32>(fold), at >= vec2<f32>(0.0)), up));
 }
 
-@vertex
-fn vs_main(vertex: ObjectVertex, @builtin(instance_index) instance: u32) -> ObjectVarying {
+// A vertex where it is drawn.
+struct Standing {
+    from_eye: vec3<f32>,
+    up: vec3<f32>,
+    normal: vec3<f32>,
+    albedo: vec3<f32>,
+    above_base_m: f32,
+    id: u32,
+}
+
+fn standing(vertex: ObjectVertex, instance: u32) -> Standing {
     let is_roof = vertex.packed >> 31u != 0u;
     let record = records[vertex.packed & 0xffffu];
     let offset = places[instance].offset;
@@ -79,11 +105,55 @@ fn vs_main(vertex: ObjectVertex, @builtin(instance_index) instance: u32) -> Obje
     let normal = facing.x * east + facing.y * cross(up, east) + facing.z * up;
     let albedo = linear_from_srgb(unpack4x8unorm(select(record.wall_color, record.roof_color, is_roof)).rgb);
     let above_base_m = select(dot(vertex.position_m - record.place_m, up), SHADE_M, is_roof);
+    return Standing(from_eye, up, normal, albedo, above_base_m, record.id);
+}
+
+@vertex
+fn vs_main(vertex: ObjectVertex, @builtin(instance_index) instance: u32) -> ObjectVarying {
+    let at = standing(vertex, instance);
+    let lit = lit(at.albedo, at.normal, at.up, at.above_base_m);
     var out: ObjectVarying;
-    out.position = frame.clip_from_eye * vec4<f32>(from_eye, 1.0);
-    out.color = through_air(lit(albedo, normal, up, above_base_m), from_eye, height_at(from_eye), up);
-    out.id = record.id;
+    out.position = frame.clip_from_eye * vec4<f32>(at.from_eye, 1.0);
+    out.color = through_air(lit, at.from_eye, height_at(at.from_eye), at.up);
+    out.id = at.id;
     return out;
+}
+
+@vertex
+fn vs_textured(
+    vertex: ObjectVertex,
+    @location(2) uv: vec2<f32>,
+    @builtin(instance_index) instance: u32,
+) -> TexturedVarying {
+    let at = standing(vertex, instance);
+    let white = lit(vec3<f32>(1.0), at.normal, at.up, at.above_base_m);
+    let height_m = height_at(at.from_eye);
+    var out: TexturedVarying;
+    out.position = frame.clip_from_eye * vec4<f32>(at.from_eye, 1.0);
+    out.uv = uv;
+    out.air = through_air(vec3<f32>(0.0), at.from_eye, height_m, at.up);
+    out.light = through_air(white, at.from_eye, height_m, at.up) - out.air;
+    out.albedo = at.albedo;
+    // The largest place there is stands for none.
+    out.is_textured = u32(uv.x < 1.0);
+    out.id = at.id;
+    return out;
+}
+
+fn textured_color(in: TexturedVarying) -> vec4<f32> {
+    let texel = textureSample(atlas, atlas_sampler, in.uv).rgb;
+    let albedo = select(in.albedo, texel, in.is_textured != 0u);
+    return vec4<f32>(albedo * in.light + in.air, 1.0);
+}
+
+@fragment
+fn fs_textured(in: TexturedVarying) -> @location(0) vec4<f32> {
+    return textured_color(in);
+}
+
+@fragment
+fn fs_textured_aov(in: TexturedVarying) -> Aov {
+    return Aov(textured_color(in), in.id, 1.0 / in.position.w);
 }
 
 @fragment

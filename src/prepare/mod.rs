@@ -27,6 +27,7 @@ pub mod source;
 pub mod stage;
 pub mod task;
 pub mod terrain;
+pub mod textures;
 pub mod vector;
 mod view_section;
 mod world_ground;

@@ -4,12 +4,28 @@ use super::device::Gpu;
 use super::targets::{DEPTH_FORMAT, ID_FORMAT, METRES_FORMAT};
 use std::sync::OnceLock;
 
+/// Names of a pass's entry points in its source.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Entries {
+    pub vertex: &'static str,
+    pub color: &'static str,
+    /// For frames with ids and depths.
+    pub aov: &'static str,
+}
+
+impl Default for Entries {
+    fn default() -> Self {
+        Self { vertex: "vs_main", color: "fs_color", aov: "fs_aov" }
+    }
+}
+
 /// What tells one pass from another.
 #[derive(Debug)]
 pub(super) struct PassShape {
     pub label: &'static str,
     pub source: &'static str,
-    pub vertices: Option<wgpu::VertexBufferLayout<'static>>,
+    pub vertices: Vec<Option<wgpu::VertexBufferLayout<'static>>>,
+    pub entries: Entries,
     /// The sky: behind everything, writes no depth and no ids.
     pub backdrop: bool,
 }
@@ -68,9 +84,9 @@ fn pipeline(
         layout: Some(layout),
         vertex: wgpu::VertexState {
             module,
-            entry_point: Some("vs_main"),
+            entry_point: Some(shape.entries.vertex),
             compilation_options: Default::default(),
-            buffers: if shape.vertices.is_some() { std::slice::from_ref(&shape.vertices) } else { &[] },
+            buffers: &shape.vertices,
         },
         primitive: wgpu::PrimitiveState {
             cull_mode: (!shape.backdrop).then_some(wgpu::Face::Back),
@@ -86,7 +102,7 @@ fn pipeline(
         multisample: Default::default(),
         fragment: Some(wgpu::FragmentState {
             module,
-            entry_point: Some(if aov && !shape.backdrop { "fs_aov" } else { "fs_color" }),
+            entry_point: Some(if aov && !shape.backdrop { shape.entries.aov } else { shape.entries.color }),
             compilation_options: Default::default(),
             targets: &targets,
         }),

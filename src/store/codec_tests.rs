@@ -69,7 +69,7 @@ fn prisms(root: CellId) -> Vec<Prism> {
 }
 
 fn object_page() -> Vec<u8> {
-    let page = PrismPage { root: cell(), collection: 2, rep: 0, error_m: 0.02, prisms: prisms(cell()) };
+    let page = PrismPage { root: cell(), collection: 2, rep: 0, error_m: 0.02, prisms: prisms(cell()), atlas: None };
     let texts = ["{\"a\":1}", "{}", "{\"name\":\"Å\"}"].map(String::from);
     encode_objects(&page, &texts).unwrap()
 }
@@ -227,10 +227,16 @@ fn with_details(mut prisms: Vec<Prism>) -> Vec<Prism> {
         let roofs = [[4, 5, 9], [4, 9, 8], [6, 7, 8], [6, 8, 9]];
         prism.detail = Some(Detail {
             corners,
+            uvs: Vec::new(),
             groups: vec![
-                FaceGroup { kind: FaceKind::Wall, color: None, triangles: walls.to_vec() },
-                FaceGroup { kind: FaceKind::Roof, color: Some([200, 30, 20]), triangles: roofs.to_vec() },
-                FaceGroup { kind: FaceKind::Other, color: None, triangles: vec![[0, 1, 5]] },
+                FaceGroup { kind: FaceKind::Wall, color: None, texture: None, triangles: walls.to_vec() },
+                FaceGroup {
+                    kind: FaceKind::Roof,
+                    color: Some([200, 30, 20]),
+                    texture: None,
+                    triangles: roofs.to_vec(),
+                },
+                FaceGroup { kind: FaceKind::Other, color: None, texture: None, triangles: vec![[0, 1, 5]] },
             ],
         });
     }
@@ -239,7 +245,7 @@ fn with_details(mut prisms: Vec<Prism>) -> Vec<Prism> {
 
 fn detailed_page() -> Vec<u8> {
     let prisms = with_details(prisms(cell()));
-    encode_objects(&PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms }, &[]).unwrap()
+    encode_objects(&PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms, atlas: None }, &[]).unwrap()
 }
 
 type Faces = (FaceKind, Option<[u8; 3]>, Vec<[DetailCorner; 3]>);
@@ -305,8 +311,11 @@ fn shapes_of(page: &[u8]) -> Vec<u8> {
 fn harmed_details_under_a_right_checksum_do_no_harm() {
     let shapes = shapes_of(&detailed_page());
     let plain = shapes_of(
-        &encode_objects(&PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms: prisms(cell()) }, &[])
-            .unwrap(),
+        &encode_objects(
+            &PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms: prisms(cell()), atlas: None },
+            &[],
+        )
+        .unwrap(),
     );
     assert!(decode_objects(&forged_shapes(&shapes)).is_ok());
     // The column may be absent, but not be cut.
