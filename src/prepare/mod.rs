@@ -3,6 +3,7 @@
 
 pub mod against;
 pub mod against_buildings;
+pub mod against_reps;
 pub mod assemble;
 pub mod buildings;
 pub mod collections;
