@@ -45,6 +45,24 @@ struct ObjectVarying {
     @location(4) @interpolate(flat) fade: f32,
 }
 
+// The pictures of a page with textures.
+@group(3) @binding(0) var atlas: texture_2d<f32>;
+@group(3) @binding(1) var atlas_sampler: sampler;
+
+struct TexturedVarying {
+    @builtin(position) position: vec4<f32>,
+    // Right and down in the atlas.
+    @location(0) uv: vec2<f32>,
+    // What is seen of a white surface, less the air before it.
+    @location(1) light: vec3<f32>,
+    @location(2) air: vec3<f32>,
+    // Of faces without a texture.
+    @location(3) @interpolate(flat) albedo: vec3<f32>,
+    @location(4) @interpolate(flat) is_textured: u32,
+    @location(5) @interpolate(flat) id: u32,
+    @location(6) @interpolate(flat) fade: f32,
+}
+
 struct Aov {
     @location(0) color: vec4<f32>,
     @location(1) id: u32,
@@ -103,8 +121,21 @@ fn facing_of(bits: u32) -> vec3<f32> {
     return normalize(vec3<f32>(at - select(vec2<f32>(-fold), vec2<f32>(fold), at >= vec2<f32>(0.0)), up));
 }
 
-@vertex
-fn vs_main(vertex: ObjectVertex, @builtin(instance_index) instance: u32) -> ObjectVarying {
+// A vertex where it is drawn.
+struct Standing {
+    from_eye: vec3<f32>,
+    up: vec3<f32>,
+    normal: vec3<f32>,
+    albedo: vec3<f32>,
+    above_base_m: f32,
+    id: u32,
+    // As ObjectVarying has them.
+    facade: vec2<f32>,
+    glass: f32,
+    fade: f32,
+}
+
+fn standing(vertex: ObjectVertex, instance: u32) -> Standing {
     let is_roof = vertex.packed >> 31u != 0u;
     let record = records[vertex.packed & 0xffffu];
     let offset = places[instance].offset;
@@ -122,14 +153,61 @@ fn vs_main(vertex: ObjectVertex, @builtin(instance_index) instance: u32) -> Obje
     let normal = facing.x * east + facing.y * cross(up, east) + facing.z * up;
     let albedo = linear_from_srgb(unpack4x8unorm(select(record.wall_color, record.roof_color, is_roof)).rgb);
     let above_base_m = select(above_m, SHADE_M, is_roof);
+    let facade = vec2<f32>(dot(from_place, cross(up, normal)), above_m);
+    let glass = select(glass_of(albedo), 0.0, is_roof);
+    return Standing(from_eye, up, normal, albedo, above_base_m, record.id, facade, glass, places[instance].fade);
+}
+
+@vertex
+fn vs_main(vertex: ObjectVertex, @builtin(instance_index) instance: u32) -> ObjectVarying {
+    let at = standing(vertex, instance);
+    let lit = lit(at.albedo, at.normal, at.up, at.above_base_m);
     var out: ObjectVarying;
-    out.position = frame.clip_from_eye * vec4<f32>(from_eye, 1.0);
-    out.color = through_air(lit(albedo, normal, up, above_base_m), from_eye, height_at(from_eye), up);
-    out.id = record.id;
-    out.fade = places[instance].fade;
-    out.facade = vec2<f32>(dot(from_place, cross(up, normal)), above_m);
-    out.glass = select(glass_of(albedo), 0.0, is_roof);
+    out.position = frame.clip_from_eye * vec4<f32>(at.from_eye, 1.0);
+    out.color = through_air(lit, at.from_eye, height_at(at.from_eye), at.up);
+    out.id = at.id;
+    out.facade = at.facade;
+    out.glass = at.glass;
+    out.fade = at.fade;
     return out;
+}
+
+@vertex
+fn vs_textured(
+    vertex: ObjectVertex,
+    @location(2) uv: vec2<f32>,
+    @builtin(instance_index) instance: u32,
+) -> TexturedVarying {
+    let at = standing(vertex, instance);
+    let white = lit(vec3<f32>(1.0), at.normal, at.up, at.above_base_m);
+    let height_m = height_at(at.from_eye);
+    var out: TexturedVarying;
+    out.position = frame.clip_from_eye * vec4<f32>(at.from_eye, 1.0);
+    out.uv = uv;
+    out.air = through_air(vec3<f32>(0.0), at.from_eye, height_m, at.up);
+    out.light = through_air(white, at.from_eye, height_m, at.up) - out.air;
+    out.albedo = at.albedo;
+    // The largest place there is stands for none.
+    out.is_textured = u32(uv.x < 1.0);
+    out.id = at.id;
+    out.fade = at.fade;
+    return out;
+}
+
+fn textured_color(in: TexturedVarying) -> vec4<f32> {
+    let texel = textureSample(atlas, atlas_sampler, in.uv).rgb;
+    let albedo = select(in.albedo, texel, in.is_textured != 0u);
+    return vec4<f32>(albedo * in.light + in.air, 1.0);
+}
+
+@fragment
+fn fs_textured(in: TexturedVarying) -> @location(0) vec4<f32> {
+    return textured_color(in);
+}
+
+@fragment
+fn fs_textured_aov(in: TexturedVarying) -> Aov {
+    return Aov(textured_color(in), in.id, 1.0 / in.position.w);
 }
 
 @fragment
@@ -146,14 +224,26 @@ fn bayer(pixel: vec2<u32>) -> f32 {
 }
 
 // What comes is drawn in the pixels that what goes leaves out.
+fn is_left_out(position: vec4<f32>, fade: f32) -> bool {
+    return (bayer(vec2<u32>(position.xy)) < abs(fade)) != (fade >= 0.0);
+}
+
 @fragment
 fn fs_fading(in: ObjectVarying) -> @location(0) vec4<f32> {
-    let shown = bayer(vec2<u32>(in.position.xy)) < abs(in.fade);
     let light = facade_light(in.facade, in.glass);
-    if shown != (in.fade >= 0.0) {
+    if is_left_out(in.position, in.fade) {
         discard;
     }
     return vec4<f32>(in.color * light, 1.0);
+}
+
+@fragment
+fn fs_textured_fading(in: TexturedVarying) -> @location(0) vec4<f32> {
+    let color = textured_color(in);
+    if is_left_out(in.position, in.fade) {
+        discard;
+    }
+    return color;
 }
 
 @fragment

@@ -137,7 +137,7 @@ fn a_simplified_model_is_off_by_no_more_than_asked() {
         (0..rings).flat_map(|ring| (0..steps).flat_map(move |step| quad(ring, step))).collect();
     write_gltf(folder.path(), &positions, &triangles, json!({ "mesh": 0 }));
     let file = folder.path().join("model.gltf");
-    let count = |model: &Model| model.groups.iter().map(|group| group.1.len()).sum::<usize>();
+    let count = |model: &Model| model.groups.iter().map(|group| group.triangles.len()).sum::<usize>();
     let whole = Model::read(&file, 0.0).unwrap();
     assert_eq!(count(&whole), triangles.len());
     let mut last = triangles.len();
@@ -146,7 +146,8 @@ fn a_simplified_model_is_off_by_no_more_than_asked() {
         assert!(count(&model) < last, "{error_m}: {}", count(&model));
         last = count(&model);
         // Middles of faces lie furthest inside of the sphere.
-        let faces = model.groups.iter().flat_map(|group| &group.1).map(|t| t.map(|at| model.corners[at as usize]));
+        let faces =
+            model.groups.iter().flat_map(|group| &group.triangles).map(|t| t.map(|at| model.corners[at as usize]));
         let off = faces.map(|[a, b, c]| ((a + b + c) / 3.0).length()).map(|r| 5.0 - r);
         let most = off.fold(0.0, f64::max);
         // The mean of squared distances is what meshoptimizer bounds: single places may be twice as far off.

@@ -72,7 +72,7 @@ fn houses(root: CellId) -> PrismPage {
             detail: None,
         }
     });
-    PrismPage { root, collection: 0, rep: 0, error_m: 0.01, prisms: prisms.collect() }
+    PrismPage { root, collection: 0, rep: 0, error_m: 0.01, prisms: prisms.collect(), atlas: None }
 }
 
 /// Appends all pages and tells the index's cells.

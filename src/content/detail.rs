@@ -28,7 +28,11 @@ pub struct DetailCorner {
 pub struct FaceGroup {
     pub kind: FaceKind,
     /// sRGB; without it the object's own colour of walls or of the roof.
+    /// Of faces with a texture, the mean of that: what they have where the texture is absent.
     pub color: Option<[u8; 3]>,
+    /// The picture on its faces, where they have one: in a page 0, the atlas; before, which of those that are given with
+    /// the object.
+    pub texture: Option<u32>,
     /// Indices of corners, counter-clockwise from outside.
     pub triangles: Vec<[u32; 3]>,
 }
@@ -37,6 +41,9 @@ pub struct FaceGroup {
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Detail {
     pub corners: Vec<DetailCorner>,
+    /// Where each corner lies in the picture of its faces: right and down from the upper left corner, as parts of the
+    /// sides; 0 to 1 in an atlas. Empty where no face has a texture. Corners that differ in this are not one.
+    pub uvs: Vec<[f32; 2]>,
     pub groups: Vec<FaceGroup>,
 }
 
@@ -103,7 +110,7 @@ impl Canvas<'_> {
         let enu_from_ecef = self.ecef_from_enu.inverse().rotation();
         let positions: Vec<DVec3> = detail.corners.iter().map(|corner| self.position(corner)).collect();
         let first = self.looks.more.len();
-        let mut drawn: HashMap<(u32, u16, u16), u32> = HashMap::new();
+        let mut drawn: HashMap<(u32, u16, u16, bool), u32> = HashMap::new();
         for group in &detail.groups {
             let look = self.look(group, first);
             for triangle in &group.triangles {
@@ -114,9 +121,11 @@ impl Canvas<'_> {
                 }
                 let facing = ObjectVertex::facing(normal, group.kind != FaceKind::Wall);
                 for &at in triangle {
-                    let vertex = *drawn.entry((at, look, facing)).or_insert_with(|| {
+                    let uv = group.texture.and_then(|_| detail.uvs.get(at as usize));
+                    let vertex = *drawn.entry((at, look, facing, uv.is_some())).or_insert_with(|| {
                         let position_m = positions[at as usize].as_vec3().to_array();
                         self.mesh.vertices.push(ObjectVertex { position_m, look, facing });
+                        uv.into_iter().for_each(|uv| self.mesh.texture_last(*uv));
                         self.mesh.vertices.len() as u32 - 1
                     });
                     self.mesh.indices.push(vertex);

@@ -1,5 +1,6 @@
 //! Decoded pages: terrain surfaces, imagery, objects, segments of the index. No files, no GPU.
 
+mod atlas;
 mod cut;
 mod detail;
 mod footprints;
@@ -10,6 +11,7 @@ pub mod rtin;
 mod surface;
 mod terrain;
 
+pub use atlas::{ATLAS_ALIGN_PX, ATLAS_GUTTER_PX, ATLAS_MIPS, ATLAS_SIDE_MAX, ATLAS_TEXELS_MAX, Atlas, NO_TEXTURE};
 pub use detail::{Detail, DetailCorner, FaceGroup, FaceKind};
 pub use footprints::{Ball, Footprints};
 pub use imagery::{

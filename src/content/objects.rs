@@ -1,6 +1,7 @@
 //! Objects of one collection in a subtree of small cells: prisms over footprints, with walls and
 //! flat roofs, or with details in place of those.
 
+use super::atlas::{Atlas, NO_TEXTURE};
 use super::detail::Looks;
 use super::footprints::Footprints;
 use super::prism::Prism;
@@ -82,11 +83,30 @@ pub struct Look {
 pub struct ObjectMesh {
     pub vertices: Vec<ObjectVertex>,
     pub indices: Vec<u32>,
+    /// Of each vertex in the atlas, in 65535ths of its sides, [`NO_TEXTURE`] where it has none; empty where none has.
+    pub uvs: Vec<[u16; 2]>,
+    pub atlas: Option<Atlas>,
 }
 
 impl ObjectMesh {
     pub fn byte_len(&self) -> usize {
-        size_of_val(&*self.vertices) + size_of_val(&*self.indices)
+        let atlas = self.atlas.as_ref().map_or(0, Atlas::byte_len);
+        size_of_val(&*self.vertices) + size_of_val(&*self.indices) + size_of_val(&*self.uvs) + atlas
+    }
+
+    /// The atlas and where each vertex lies in it; `None` for a mesh that is drawn in plain colours.
+    pub fn textures(&self) -> Option<(&Atlas, &[[u16; 2]])> {
+        let atlas = self.atlas.as_ref()?;
+        (!self.uvs.is_empty() && self.uvs.len() == self.vertices.len()).then_some((atlas, &*self.uvs))
+    }
+
+    /// Gives the last vertex its place in the atlas.
+    pub(super) fn texture_last(&mut self, uv: [f32; 2]) {
+        self.uvs.resize(self.vertices.len(), NO_TEXTURE);
+        let units = |part: f32| (part.clamp(0.0, 1.0) * f32::from(u16::MAX)).round() as u16;
+        if let Some(last) = self.uvs.last_mut() {
+            *last = uv.map(|part| units(part).min(u16::MAX - 1));
+        }
     }
 }
 
@@ -142,6 +162,9 @@ impl ObjectPage {
         let mut looks = Looks::new(prisms.len());
         let draw = |(at, prism): (usize, &Prism)| prism.draw(origin, at as u16, &mut mesh, &mut looks);
         let objects: Vec<Object> = prisms.iter().enumerate().map(draw).collect();
+        if !mesh.uvs.is_empty() {
+            mesh.uvs.resize(mesh.vertices.len(), NO_TEXTURE);
+        }
         let cells = directory(&objects, &prisms);
         let footprints = Footprints::new(&prisms, &objects, cells.iter().map(|cell| &cell.objects), origin);
         (Self { root, collection, rep, error_m, origin, objects, cells, footprints, looks: looks.finish() }, mesh)

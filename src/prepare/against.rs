@@ -1,6 +1,7 @@
 //! A world against the sources it was made of: does the drawn terrain keep its bounds, and how tight are they.
 
 use super::against_buildings::{self, BuildingsReport};
+use super::against_reps::RepReport;
 use super::terrain;
 use super::{Elevation, OnProgress, PrepareError, Progress, Recipe};
 use crate::content::{Page, PageId, PageKind, TerrainPage};
@@ -86,8 +87,10 @@ pub struct AgainstReport {
     pub finest_mean_m: f64,
     pub levels: Vec<LevelReport>,
     pub tightness: Tightness,
-    /// Of each collection and rep.
+    /// The finest rep of each collection.
     pub buildings: Vec<BuildingsReport>,
+    /// The coarser ones.
+    pub reps: Vec<RepReport>,
 }
 
 const EXAMPLES_MAX: usize = 10;
@@ -153,7 +156,7 @@ pub fn check_against(
         })
         .collect::<Result<_, _>>()?;
     report.tightness = tightness(ratios.into_iter().flatten().collect());
-    report.buildings = against_buildings::compare(world, recipe, root, &elevation, on_progress)?;
+    (report.buildings, report.reps) = against_buildings::compare(world, recipe, root, &elevation, on_progress)?;
     Ok(report)
 }
 
@@ -237,6 +240,7 @@ impl Part {
             levels: self.levels,
             tightness: Tightness::default(),
             buildings: Vec::new(),
+            reps: Vec::new(),
         }
     }
 }

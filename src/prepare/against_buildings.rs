@@ -2,9 +2,11 @@
 //! from what they should be.
 
 use super::against::AgainstError;
+use super::against_reps::{self, Homes, RepReport};
 use super::buildings::{Ground, gather};
 use super::{Elevation, OnProgress, Recipe, collections};
 use crate::content::{PageId, PageKind, Prism};
+use crate::forest::CellId;
 use crate::geodesy::SEMI_MAJOR_M;
 use crate::store::World;
 use serde::Serialize;
@@ -36,17 +38,21 @@ pub fn compare(
     root: &Path,
     elevation: &Elevation,
     on_progress: OnProgress<'_>,
-) -> Result<Vec<BuildingsReport>, AgainstError> {
+) -> Result<(Vec<BuildingsReport>, Vec<RepReport>), AgainstError> {
     let ground = Ground { height_m: &|lat_rad, lon_rad| elevation.height_m(lat_rad, lon_rad), error_m: &|_, _| 0.0 };
     let vertical = collections::vertical_of(recipe);
-    let mut reports = Vec::new();
+    let (mut reports, mut reps) = (Vec::new(), Vec::new());
     for (number, section) in recipe.buildings.iter().enumerate() {
         let mut stored = stored_prisms(world, number as u8)?;
         let mut report = BuildingsReport { name: section.name.clone(), ..BuildingsReport::default() };
         let mut corners = 0u64;
+        let mut homes = Homes::new();
         for source in gather(section, root, vertical, &ground, on_progress)?.objects {
             match take_nearest(&mut stored, &source.prism) {
-                Some(found) => report.add(&source.prism, &found, &mut corners),
+                Some((found, root)) => {
+                    report.add(&source.prism, &found, &mut corners);
+                    homes.entry(root).or_default().push(source.prism);
+                }
                 None => report.missing += 1,
             }
         }
@@ -54,11 +60,13 @@ pub fn compare(
         report.outline_mean_m /= corners.max(1) as f64;
         report.height_mean_m /= (2 * report.prisms).max(1) as f64;
         reports.push(report);
+        reps.extend(against_reps::compare(world, &section.name, number as u8, &homes)?);
     }
-    Ok(reports)
+    Ok((reports, reps))
 }
 
-type ById = HashMap<u32, Vec<Prism>>;
+/// With the roots of their pages.
+type ById = HashMap<u32, Vec<(Prism, CellId)>>;
 
 /// The finest prisms of a collection by id; those of one building share theirs.
 fn stored_prisms(world: &World, collection: u8) -> Result<ById, AgainstError> {
@@ -68,7 +76,7 @@ fn stored_prisms(world: &World, collection: u8) -> Result<ById, AgainstError> {
             let id = PageId { cell: node.cell(), kind: PageKind::Objects { collection, rep: 0 } };
             let bytes = world.read(id, entry.place)?;
             for prism in world.prisms(id, entry.place, &bytes)?.prisms {
-                stored.entry(prism.id).or_default().push(prism);
+                stored.entry(prism.id).or_default().push((prism, node.cell()));
             }
         }
     }
@@ -76,13 +84,13 @@ fn stored_prisms(world: &World, collection: u8) -> Result<ById, AgainstError> {
 }
 
 /// Of the stored prisms of a source prism's building, the one that is most like it.
-fn take_nearest(stored: &mut ById, source: &Prism) -> Option<Prism> {
+fn take_nearest(stored: &mut ById, source: &Prism) -> Option<(Prism, CellId)> {
     let parts = stored.get_mut(&source.id)?;
     let unlikeness = |prism: &Prism| {
         let heights = f64::from((prism.top_m - source.top_m).abs()) + f64::from((prism.base_m - source.base_m).abs());
         outline(source, prism).0 + heights
     };
-    let best = (0..parts.len()).min_by(|&a, &b| unlikeness(&parts[a]).total_cmp(&unlikeness(&parts[b])))?;
+    let best = (0..parts.len()).min_by(|&a, &b| unlikeness(&parts[a].0).total_cmp(&unlikeness(&parts[b].0)))?;
     Some(parts.swap_remove(best))
 }
 

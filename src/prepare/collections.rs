@@ -162,6 +162,8 @@ fn read_page_record(record: &[u8]) -> Option<ObjectsPage> {
         rep: word(6)?.try_into().ok()?,
         error_m: float(7)?,
         below_dimension_m: float(8).filter(|dimension_m| !dimension_m.is_nan()),
+        textures_scaled: 0,
+        textures_lost: 0,
     })
 }
 
@@ -181,6 +183,8 @@ mod tests {
             rep: 5,
             error_m: 12.5,
             below_dimension_m: Some(90.0),
+            textures_scaled: 0,
+            textures_lost: 0,
         };
         let back = read_page_record(&page_record(&page)).unwrap();
         assert_eq!((back.root, &back.bytes, back.objects), (page.root, &page.bytes, page.objects));

@@ -3,6 +3,7 @@
 
 pub mod against;
 pub mod against_buildings;
+pub mod against_reps;
 pub mod assemble;
 pub mod buildings;
 pub mod collections;
@@ -27,6 +28,7 @@ pub mod source;
 pub mod stage;
 pub mod task;
 pub mod terrain;
+pub mod textures;
 pub mod vector;
 mod view_section;
 mod world_ground;

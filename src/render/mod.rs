@@ -6,6 +6,7 @@
 //! A renderer draws into its own pictures. Behind the feature `window` one of them can be copied to what a window shows
 //! (`surface`: what is shown; `present`: the copy; `overlay`: egui's panels over it; `screen`: the three together).
 
+mod atlases;
 mod culling;
 mod device;
 mod eye;

@@ -1,11 +1,12 @@
 //! The objects pass and its arena of pages.
 
+use super::atlases::{Atlases, Textures};
 use super::device::{FrameStorage, Gpu};
 use super::eye::eye_relative;
 use super::ids::id_of_object;
 use super::layout::OBJECTS_WGSL;
 use super::meshes::packed_indices;
-use super::pass::{PassShape, Pipelines, storage_layout};
+use super::pass::{Entries, PassShape, Pipelines, storage_layout};
 use super::renderer::ArenaFull;
 use crate::camera::View;
 use crate::content::{Object, ObjectMesh, ObjectPage, ObjectVertex, Page, PageId};
@@ -37,6 +38,11 @@ pub(super) struct ObjectsPlace {
 
 /// Mirrors `ObjectVertex` in objects.wgsl: look and facing are one word there.
 pub(super) const ATTRIBUTES: [wgpu::VertexAttribute; 2] = wgpu::vertex_attr_array![0 => Float32x3, 1 => Uint32];
+pub(super) const VERTICES: wgpu::VertexBufferLayout<'static> = wgpu::VertexBufferLayout {
+    array_stride: size_of::<ObjectVertex>() as u64,
+    step_mode: wgpu::VertexStepMode::Vertex,
+    attributes: &ATTRIBUTES,
+};
 
 /// A page on the GPU.
 #[derive(Debug)]
@@ -45,6 +51,7 @@ struct ResidentPage {
     indices: wgpu::Buffer,
     format: wgpu::IndexFormat,
     lifts: wgpu::Buffer,
+    textures: Option<Textures>,
     group: wgpu::BindGroup,
     origin: Point<Ecef>,
     objects: usize,
@@ -86,6 +93,7 @@ pub(super) struct ObjectsCount {
 #[derive(Debug)]
 pub(super) struct ObjectsPass {
     pipelines: Pipelines,
+    atlases: Atlases,
     places: FrameStorage,
     page_layout: wgpu::BindGroupLayout,
     limit_bytes: u64,
@@ -99,15 +107,13 @@ impl ObjectsPass {
         let shape = PassShape {
             label: "objects",
             source: OBJECTS_WGSL,
-            vertices: Some(wgpu::VertexBufferLayout {
-                array_stride: size_of::<ObjectVertex>() as u64,
-                step_mode: wgpu::VertexStepMode::Vertex,
-                attributes: &ATTRIBUTES,
-            }),
+            vertices: vec![Some(VERTICES)],
+            entries: Entries::default(),
             backdrop: false,
         };
         Self {
             pipelines: Pipelines::new(gpu, shape, &[frame, &place_layout, &page_layout]),
+            atlases: Atlases::new(gpu, [frame, &place_layout, &page_layout]),
             places: FrameStorage::new(gpu, "places", &place_layout),
             page_layout,
             limit_bytes,
@@ -161,6 +167,7 @@ impl ObjectsPass {
             indices: gpu.filled_buffer("object indices", wgpu::BufferUsages::INDEX, &indices),
             format,
             lifts,
+            textures: mesh.textures().map(|(atlas, uvs)| self.atlases.upload(gpu, atlas, uvs)),
             group,
             origin: page.origin,
             objects: page.objects.len(),
@@ -222,13 +229,19 @@ impl ObjectsPass {
     pub fn draw(&self, gpu: &Gpu, pass: &mut wgpu::RenderPass, aov: bool, items: &[ObjectsItem]) -> u32 {
         pass.set_pipeline(self.pipelines.get(gpu, aov));
         pass.set_bind_group(1, self.places.group(), &[]);
-        let (mut calls, mut fades) = (0, false);
+        let (mut calls, mut set) = (0, (false, false));
         for (instance, item) in (0..).zip(items) {
-            if item.is_fading && !fades && !aov {
-                pass.set_pipeline(self.pipelines.fading(gpu));
-                fades = true;
-            }
             let Some(resident) = self.pages.get(&item.page) else { continue };
+            let wanted = (resident.textures.is_some(), item.is_fading && !aov);
+            if wanted != set {
+                let pipelines = if wanted.0 { self.atlases.pipelines(gpu) } else { &self.pipelines };
+                pass.set_pipeline(if wanted.1 { pipelines.fading(gpu) } else { pipelines.get(gpu, aov) });
+                set = wanted;
+            }
+            if let Some(textures) = &resident.textures {
+                pass.set_bind_group(3, &textures.group, &[]);
+                pass.set_vertex_buffer(1, textures.uvs.slice(..));
+            }
             pass.set_bind_group(2, &resident.group, &[]);
             pass.set_vertex_buffer(0, resident.vertices.slice(..));
             pass.set_index_buffer(resident.indices.slice(..), resident.format);
@@ -250,7 +263,8 @@ pub(super) fn page_bytes(page: &ObjectPage, mesh: &ObjectMesh) -> u64 {
     let index_size = if mesh.vertices.len() > usize::from(u16::MAX) { 4 } else { 2 };
     let indices = (mesh.indices.len() * index_size).next_multiple_of(4);
     let records = (page.objects.len() + page.looks.len()) * size_of::<ObjectRecord>();
-    (size_of_val(&*mesh.vertices) + indices + records + page.objects.len() * size_of::<f32>()) as u64
+    let textures = mesh.textures().map_or(0, |(atlas, uvs)| atlas.byte_len() + size_of_val(uvs));
+    (size_of_val(&*mesh.vertices) + indices + records + page.objects.len() * size_of::<f32>() + textures) as u64
 }
 
 /// One for each object, then one for each further look.

@@ -4,12 +4,30 @@ use super::device::Gpu;
 use super::targets::{DEPTH_FORMAT, ID_FORMAT, METRES_FORMAT};
 use std::sync::OnceLock;
 
+/// Names of a pass's entry points in its source.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Entries {
+    pub vertex: &'static str,
+    pub color: &'static str,
+    /// For frames with ids and depths.
+    pub aov: &'static str,
+    /// Colour alone, of what fades.
+    pub fading: &'static str,
+}
+
+impl Default for Entries {
+    fn default() -> Self {
+        Self { vertex: "vs_main", color: "fs_color", aov: "fs_aov", fading: "fs_fading" }
+    }
+}
+
 /// What tells one pass from another.
 #[derive(Debug)]
 pub(super) struct PassShape {
     pub label: &'static str,
     pub source: &'static str,
-    pub vertices: Option<wgpu::VertexBufferLayout<'static>>,
+    pub vertices: Vec<Option<wgpu::VertexBufferLayout<'static>>>,
+    pub entries: Entries,
     /// The sky: behind everything, writes no depth and no ids.
     pub backdrop: bool,
 }
@@ -38,7 +56,7 @@ impl Pipelines {
             bind_group_layouts: &groups,
             immediate_size: 0,
         });
-        let color = pipeline(gpu, &shape, &module, &layout, "fs_color", false);
+        let color = pipeline(gpu, &shape, &module, &layout, shape.entries.color, false);
         Self { shape, module, layout, color, aov: OnceLock::new(), fading: OnceLock::new() }
     }
 
@@ -46,20 +64,19 @@ impl Pipelines {
         match aov {
             false => &self.color,
             true => self.aov.get_or_init(|| {
-                let entry = if self.shape.backdrop { "fs_color" } else { AOV_ENTRY };
+                let entries = &self.shape.entries;
+                let entry = if self.shape.backdrop { entries.color } else { entries.aov };
                 pipeline(gpu, &self.shape, &self.module, &self.layout, entry, true)
             }),
         }
     }
 
-    /// Colour alone, of what fades: the shader's `fs_fading`.
+    /// Colour alone, of what fades.
     pub fn fading(&self, gpu: &Gpu) -> &wgpu::RenderPipeline {
-        self.fading.get_or_init(|| pipeline(gpu, &self.shape, &self.module, &self.layout, "fs_fading", false))
+        let entry = self.shape.entries.fading;
+        self.fading.get_or_init(|| pipeline(gpu, &self.shape, &self.module, &self.layout, entry, false))
     }
 }
-
-/// Fragments with ids and depths.
-const AOV_ENTRY: &str = "fs_aov";
 
 fn pipeline(
     gpu: &Gpu,
@@ -81,9 +98,9 @@ fn pipeline(
         layout: Some(layout),
         vertex: wgpu::VertexState {
             module,
-            entry_point: Some("vs_main"),
+            entry_point: Some(shape.entries.vertex),
             compilation_options: Default::default(),
-            buffers: if shape.vertices.is_some() { std::slice::from_ref(&shape.vertices) } else { &[] },
+            buffers: &shape.vertices,
         },
         primitive: wgpu::PrimitiveState {
             cull_mode: (!shape.backdrop).then_some(wgpu::Face::Back),

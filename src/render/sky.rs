@@ -2,7 +2,7 @@
 
 use super::device::Gpu;
 use super::layout::SKY_WGSL;
-use super::pass::{PassShape, Pipelines};
+use super::pass::{Entries, PassShape, Pipelines};
 
 #[derive(Debug)]
 pub(super) struct SkyPass {
@@ -11,7 +11,13 @@ pub(super) struct SkyPass {
 
 impl SkyPass {
     pub fn new(gpu: &Gpu, frame: &wgpu::BindGroupLayout) -> Self {
-        let shape = PassShape { label: "sky", source: SKY_WGSL, vertices: None, backdrop: true };
+        let shape = PassShape {
+            label: "sky",
+            source: SKY_WGSL,
+            vertices: Vec::new(),
+            entries: Entries::default(),
+            backdrop: true,
+        };
         Self { pipelines: Pipelines::new(gpu, shape, &[frame]) }
     }
 

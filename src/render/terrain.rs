@@ -4,7 +4,7 @@ use super::device::{FrameStorage, Gpu};
 use super::imagery::{ImageryArena, ImageryPlace};
 use super::layout::TERRAIN_WGSL;
 use super::meshes::{MeshArena, MeshKey};
-use super::pass::{PassShape, Pipelines, storage_layout};
+use super::pass::{Entries, PassShape, Pipelines, storage_layout};
 use crate::content::{IMAGERY_GUTTER_PX, IMAGERY_PX, IMAGERY_STORED_PX, TerrainVertex};
 use crate::forest::CellId;
 use bytemuck::{Pod, Zeroable};
@@ -47,11 +47,12 @@ impl TerrainPass {
         let shape = PassShape {
             label: "terrain",
             source: TERRAIN_WGSL,
-            vertices: Some(wgpu::VertexBufferLayout {
+            vertices: vec![Some(wgpu::VertexBufferLayout {
                 array_stride: size_of::<TerrainVertex>() as u64,
                 step_mode: wgpu::VertexStepMode::Vertex,
                 attributes: &ATTRIBUTES,
-            }),
+            })],
+            entries: Entries::default(),
             backdrop: false,
         };
         Self {

@@ -69,7 +69,7 @@ fn prisms(root: CellId) -> Vec<Prism> {
 }
 
 fn object_page() -> Vec<u8> {
-    let page = PrismPage { root: cell(), collection: 2, rep: 0, error_m: 0.02, prisms: prisms(cell()) };
+    let page = PrismPage { root: cell(), collection: 2, rep: 0, error_m: 0.02, prisms: prisms(cell()), atlas: None };
     let texts = ["{\"a\":1}", "{}", "{\"name\":\"Å\"}"].map(String::from);
     encode_objects(&page, &texts).unwrap()
 }
@@ -227,10 +227,16 @@ fn with_details(mut prisms: Vec<Prism>) -> Vec<Prism> {
         let roofs = [[4, 5, 9], [4, 9, 8], [6, 7, 8], [6, 8, 9]];
         prism.detail = Some(Detail {
             corners,
+            uvs: Vec::new(),
             groups: vec![
-                FaceGroup { kind: FaceKind::Wall, color: None, triangles: walls.to_vec() },
-                FaceGroup { kind: FaceKind::Roof, color: Some([200, 30, 20]), triangles: roofs.to_vec() },
-                FaceGroup { kind: FaceKind::Other, color: None, triangles: vec![[0, 1, 5]] },
+                FaceGroup { kind: FaceKind::Wall, color: None, texture: None, triangles: walls.to_vec() },
+                FaceGroup {
+                    kind: FaceKind::Roof,
+                    color: Some([200, 30, 20]),
+                    texture: None,
+                    triangles: roofs.to_vec(),
+                },
+                FaceGroup { kind: FaceKind::Other, color: None, texture: None, triangles: vec![[0, 1, 5]] },
             ],
         });
     }
@@ -239,7 +245,7 @@ fn with_details(mut prisms: Vec<Prism>) -> Vec<Prism> {
 
 fn detailed_page() -> Vec<u8> {
     let prisms = with_details(prisms(cell()));
-    encode_objects(&PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms }, &[]).unwrap()
+    encode_objects(&PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms, atlas: None }, &[]).unwrap()
 }
 
 type Faces = (FaceKind, Option<[u8; 3]>, Vec<[DetailCorner; 3]>);
@@ -305,8 +311,11 @@ fn shapes_of(page: &[u8]) -> Vec<u8> {
 fn harmed_details_under_a_right_checksum_do_no_harm() {
     let shapes = shapes_of(&detailed_page());
     let plain = shapes_of(
-        &encode_objects(&PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms: prisms(cell()) }, &[])
-            .unwrap(),
+        &encode_objects(
+            &PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms: prisms(cell()), atlas: None },
+            &[],
+        )
+        .unwrap(),
     );
     assert!(decode_objects(&forged_shapes(&shapes)).is_ok());
     // The column may be absent, but not be cut.
@@ -378,5 +387,82 @@ proptest! {
         let page = terrain(cell, &active, |x, y| x * 31.7 - y * 91.3, error_m);
         let bytes = encode_terrain(&page, height_step_m(error_m)).unwrap();
         prop_assert_eq!(decode_terrain(&bytes, cell), Ok(page));
+    }
+}
+
+/// The detailed page with a texture on the roofs.
+fn textured_page() -> Vec<u8> {
+    let mut prisms = with_details(prisms(cell()));
+    for detail in prisms.iter_mut().filter_map(|prism| prism.detail.as_mut()) {
+        detail.uvs = (0..detail.corners.len()).map(|at| [at as f32 / 20.0, 1.0 - at as f32 / 30.0]).collect();
+        detail.groups[1].texture = Some(0);
+    }
+    let rgb: Vec<u8> = (0..32 * 16 * 3).map(|at| (at * 7 % 251) as u8).collect();
+    let atlas = Some(encode_atlas(32, 16, &rgb, 85).unwrap());
+    encode_objects(&PrismPage { root: cell(), collection: 0, rep: 0, error_m: 0.02, prisms, atlas }, &[]).unwrap()
+}
+
+#[test]
+fn textures_survive_and_without_an_atlas_there_are_none() {
+    let bytes = textured_page();
+    let page = decode_prisms(&bytes).unwrap();
+    let detail = page.prisms[1].detail.as_ref().unwrap();
+    assert_eq!(detail.groups.iter().map(|group| group.texture).collect::<Vec<_>>(), [None, Some(0), None]);
+    // Corners keep their order of first use: those of the roofs are 4 to 9 of the source.
+    let mut roofs: Vec<[f32; 2]> =
+        detail.groups[1].triangles.iter().flatten().map(|&at| detail.uvs[at as usize]).collect();
+    roofs.sort_by(|a, b| a[0].total_cmp(&b[0]));
+    roofs.dedup();
+    for (at, uv) in (4..10).zip(&roofs) {
+        let expected = [at as f32 / 20.0, 1.0 - at as f32 / 30.0];
+        assert!((0..2).all(|axis| (uv[axis] - expected[axis]).abs() < 1e-5), "{uv:?} {expected:?}");
+    }
+    assert_eq!(roofs.len(), 6);
+    let (_, mesh) = decode_objects(&bytes).unwrap();
+    let (atlas, uvs) = mesh.textures().unwrap();
+    assert_eq!((atlas.size_px(), uvs.len()), ([32, 16], mesh.vertices.len()));
+    let faces = mesh.indices.chunks_exact(3);
+    let textured = faces.filter(|t| t.iter().all(|&at| uvs[at as usize] != crate::content::NO_TEXTURE)).count();
+    assert_eq!(textured, 2 * 4, "the roofs of two");
+    let plain = PrismPage { atlas: None, ..page };
+    let plain = decode_prisms(&encode_objects(&plain, &[]).unwrap()).unwrap();
+    let groups = plain.prisms.iter().filter_map(|prism| prism.detail.as_ref()).flat_map(|detail| &detail.groups);
+    assert!(plain.atlas.is_none() && groups.into_iter().all(|group| group.texture.is_none()));
+    assert!(decode_objects(&detailed_page()).unwrap().1.textures().is_none());
+}
+
+#[test]
+fn harmed_textures_under_a_right_checksum_do_no_harm() {
+    let shapes = shapes_of(&textured_page());
+    let plain = shapes_of(&object_page()).len();
+    for at in plain..shapes.len() {
+        for flip in [1, 0x10, 0x80, 0xff] {
+            let mut harmed = shapes.clone();
+            harmed[at] ^= flip;
+            let _ = decode_objects(&forged_shapes(&harmed));
+        }
+        assert!(decode_objects(&forged_shapes(&shapes[..at])).is_err() || at == plain, "{at} bytes");
+    }
+    // A picture of another size, whatever it holds, is refused before it is unpacked.
+    let page = decode_prisms(&textured_page()).unwrap();
+    for (width, height) in [(30, 16), (2048, 8), (1024, 1024)] {
+        let mut jpeg = Vec::new();
+        let rgb = vec![9; (width * height * 3) as usize];
+        let encoder = image::codecs::jpeg::JpegEncoder::new_with_quality(&mut jpeg, 50);
+        let mut encoder = encoder;
+        encoder.encode(&rgb, width, height, image::ExtendedColorType::Rgb8).unwrap();
+        let forged = PrismPage { atlas: Some(jpeg), ..page.clone() };
+        let forged = decode_objects(&encode_objects(&forged, &[]).unwrap());
+        assert_eq!(forged.err(), Some(PageFault::Malformed("an atlas of a size that none has")), "{width} × {height}");
+    }
+    harm_some(&textured_page());
+}
+
+/// Flips of single bytes of a page, checksum and all.
+fn harm_some(bytes: &[u8]) {
+    for at in (0..bytes.len()).step_by(3) {
+        let mut harmed = bytes.to_vec();
+        harmed[at] ^= 0x41;
+        assert!(decode_objects(&harmed).is_err(), "byte {at}");
     }
 }

@@ -1,8 +1,10 @@
 //! The last column of a page of objects: details. Pages without any end before it, as all did once.
 //!
 //! Per object: corners (varint, 0 without a detail); then per corner steps east, north and up in the page's units; groups
-//! (varint), and per group its kind (u8, 8 added where three bytes of colour follow), triangles (varint) and per
-//! triangle its corners as steps back from the first that was not named yet (0: that one).
+//! (varint), and per group its kind (u8, 8 added where three bytes of colour follow, 16 where it has a texture),
+//! triangles (varint) and per triangle its corners as steps back from the first that was not named yet (0: that one).
+//! Then, where a group has a texture, for each corner of such groups by number steps right and down in the atlas, in
+//! 65535ths of its sides. After the last object of a page with textures the atlas follows.
 
 use super::bytes::{Reader, Writer};
 use super::error::PageFault;
@@ -13,20 +15,30 @@ use crate::content::{Detail, DetailCorner, FaceGroup, FaceKind, Prism};
 pub const DETAIL_GROUPS_MAX: usize = 256;
 const KINDS: [FaceKind; 3] = [FaceKind::Wall, FaceKind::Roof, FaceKind::Other];
 const COLORED: u8 = 8;
+const TEXTURED: u8 = 16;
+const UV_UNITS: f32 = 65535.0;
 
-pub(super) fn write<'a>(out: &mut Writer, units: &Units, prisms: impl Iterator<Item = &'a Prism> + Clone) {
+/// Writes the column; textures only where the page has an atlas. Says whether it wrote any.
+pub(super) fn write<'a>(
+    out: &mut Writer,
+    units: &Units,
+    prisms: impl Iterator<Item = &'a Prism> + Clone,
+    has_atlas: bool,
+) -> bool {
     if prisms.clone().all(|prism| prism.detail.is_none()) {
-        return;
+        return false;
     }
+    let mut any = false;
     for prism in prisms {
         match &prism.detail {
-            Some(detail) => write_detail(out, units, prism, detail),
+            Some(detail) => any |= write_detail(out, units, prism, detail, has_atlas),
             None => out.varint(0),
         }
     }
+    any
 }
 
-fn write_detail(out: &mut Writer, units: &Units, prism: &Prism, detail: &Detail) {
+fn write_detail(out: &mut Writer, units: &Units, prism: &Prism, detail: &Detail, has_atlas: bool) -> bool {
     let (order, number) = by_first_use(detail);
     out.varint(order.len() as u64);
     let mut last = start(units, prism);
@@ -37,21 +49,38 @@ fn write_detail(out: &mut Writer, units: &Units, prism: &Prism, detail: &Detail)
         last = at;
     }
     if order.is_empty() {
-        return;
+        return false;
     }
+    let has_uvs = has_atlas && detail.uvs.len() == detail.corners.len();
+    let is_textured = |group: &FaceGroup| has_uvs && group.texture.is_some();
+    let mut textured = vec![false; order.len()];
     let groups = &detail.groups[..detail.groups.len().min(DETAIL_GROUPS_MAX)];
     out.varint(groups.len() as u64);
     let mut next = 0;
     for group in groups {
         let kind = KINDS.iter().position(|kind| *kind == group.kind).unwrap_or(0) as u8;
-        out.u8(kind + if group.color.is_some() { COLORED } else { 0 });
+        let colored = if group.color.is_some() { COLORED } else { 0 };
+        out.u8(kind + colored + if is_textured(group) { TEXTURED } else { 0 });
         group.color.iter().for_each(|color| out.bytes(color));
         let whole = || group.triangles.iter().filter(|triangle| is_whole(detail, triangle));
         out.varint(whole().count() as u64);
         for at in whole().flatten().map(|&corner| number[corner as usize]) {
             out.varint(u64::from(next - at));
             next = next.max(at + 1);
+            textured[at as usize] |= is_textured(group);
         }
+    }
+    let of_textured = order.iter().zip(&textured).filter(|(_, textured)| **textured);
+    write_uvs(out, of_textured.map(|(&at, _)| detail.uvs[at as usize]));
+    groups.iter().any(is_textured)
+}
+
+fn write_uvs(out: &mut Writer, uvs: impl Iterator<Item = [f32; 2]>) {
+    let mut last = [0i64; 2];
+    for uv in uvs {
+        let at = uv.map(|part| (part.clamp(0.0, 1.0) * UV_UNITS).round() as i64);
+        (0..2).for_each(|axis| out.signed(at[axis] - last[axis]));
+        last = at;
     }
 }
 
@@ -80,21 +109,23 @@ fn start(units: &Units, prism: &Prism) -> [i64; 3] {
     [east, north, height_units(prism.base_m)]
 }
 
-pub(super) fn read(reader: &mut Reader, units: &Units, prisms: &mut [Prism]) -> Result<(), PageFault> {
+/// Reads the column; says whether it has textures, so that an atlas follows.
+pub(super) fn read(reader: &mut Reader, units: &Units, prisms: &mut [Prism]) -> Result<bool, PageFault> {
     if reader.remaining() == 0 {
-        return Ok(());
+        return Ok(false);
     }
-    for prism in prisms {
+    for prism in prisms.iter_mut() {
         let corners = reader.count(3)?;
         if corners > 0 {
             prism.detail = Some(read_detail(reader, units, prism, corners)?);
         }
     }
-    Ok(())
+    let groups = prisms.iter().filter_map(|prism| prism.detail.as_ref()).flat_map(|detail| &detail.groups);
+    Ok(groups.into_iter().any(|group| group.texture.is_some()))
 }
 
 fn read_detail(reader: &mut Reader, units: &Units, prism: &Prism, corners: usize) -> Result<Detail, PageFault> {
-    let mut detail = Detail { corners: Vec::with_capacity(corners), groups: Vec::new() };
+    let mut detail = Detail { corners: Vec::with_capacity(corners), ..Detail::default() };
     let mut last = start(units, prism);
     for _ in 0..corners {
         for axis in &mut last {
@@ -114,12 +145,32 @@ fn read_detail(reader: &mut Reader, units: &Units, prism: &Prism, corners: usize
     for _ in 0..groups {
         detail.groups.push(read_group(reader, corners as u64, &mut next)?);
     }
+    read_uvs(reader, &mut detail)?;
     Ok(detail)
+}
+
+fn read_uvs(reader: &mut Reader, detail: &mut Detail) -> Result<(), PageFault> {
+    let mut textured = vec![false; detail.corners.len()];
+    let groups = detail.groups.iter().filter(|group| group.texture.is_some());
+    groups.flat_map(|group| &group.triangles).flatten().for_each(|&at| textured[at as usize] = true);
+    if detail.groups.iter().any(|group| group.texture.is_some()) {
+        detail.uvs = vec![[0.0; 2]; detail.corners.len()];
+    }
+    let mut last = [0i64; 2];
+    for (uv, _) in detail.uvs.iter_mut().zip(&textured).filter(|(_, textured)| **textured) {
+        for (axis, part) in uv.iter_mut().enumerate() {
+            last[axis] = last[axis].wrapping_add(reader.signed()?);
+            let units = u16::try_from(last[axis]).map_err(|_| PageFault::Malformed("a texture beyond its atlas"))?;
+            *part = f32::from(units) / UV_UNITS;
+        }
+    }
+    Ok(())
 }
 
 fn read_group(reader: &mut Reader, corners: u64, next: &mut u64) -> Result<FaceGroup, PageFault> {
     let head = reader.u8()?;
-    let kind = KINDS.get(usize::from(head & !COLORED)).ok_or(PageFault::Malformed("a face of no known kind"))?;
+    let kind =
+        KINDS.get(usize::from(head & !(COLORED | TEXTURED))).ok_or(PageFault::Malformed("a face of no known kind"))?;
     let color = match head & COLORED {
         0 => None,
         _ => Some([reader.u8()?, reader.u8()?, reader.u8()?]),
@@ -136,5 +187,6 @@ fn read_group(reader: &mut Reader, corners: u64, next: &mut u64) -> Result<FaceG
         }
         triangles.push(triangle);
     }
-    Ok(FaceGroup { kind: *kind, color, triangles })
+    let texture = (head & TEXTURED != 0).then_some(0);
+    Ok(FaceGroup { kind: *kind, color, texture, triangles })
 }

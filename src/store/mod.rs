@@ -8,6 +8,7 @@
 //! What `stoop-prepare --into` adds later lies beside them; see `additions.rs`. All words are little-endian; every section and page carries magic, version and an xxh3 checksum.
 
 mod additions;
+mod atlas;
 mod bytes;
 mod change;
 mod details;
@@ -31,6 +32,7 @@ mod world;
 mod writer;
 
 pub use additions::{Additions, PackFile, ZoneFiles};
+pub use atlas::{decode_atlas, encode_atlas};
 pub use change::{CollectionChange, WorldChange};
 pub use error::{EncodeError, PageFault, StoreError};
 pub use ground::{GroundPages, finest_terrain};

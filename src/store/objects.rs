@@ -4,8 +4,10 @@
 //! Body: unpacked and packed length of the shapes and unpacked length of the attributes (varints), the shapes, the
 //! attributes. Shapes, unpacked: `error_m` (f32), objects (varint), bits of the units east and north (u8 each), then
 //! columns: cells (steps in ordinals), ids, rings and their lengths, coordinates, roofs, heights in centimetres,
-//! colours, and details where there are any. Attributes, unpacked: per object its length and its text.
+//! colours, and details where there are any, with the length of their atlas (varint) and its JPEG where they have
+//! textures. Attributes, unpacked: per object its length and its text.
 
+use super::atlas::decode_atlas;
 use super::bytes::{Reader, Writer};
 use super::details;
 use super::error::{EncodeError, PageFault};
@@ -30,6 +32,8 @@ pub struct PrismPage {
     /// Bounds the distance between what is drawn and the source's shape, metres.
     pub error_m: f32,
     pub prisms: Vec<Prism>,
+    /// The pictures on their details, as JPEG; without it these are stored in plain colours.
+    pub atlas: Option<Vec<u8>>,
 }
 
 impl PrismPage {
@@ -151,7 +155,12 @@ fn shapes(page: &PrismPage, order: &[usize]) -> Vec<u8> {
         out.bytes(&prism.wall_color);
         out.bytes(&prism.roof_color);
     }
-    details::write(&mut out, &units, prisms());
+    if details::write(&mut out, &units, prisms(), page.atlas.is_some())
+        && let Some(atlas) = &page.atlas
+    {
+        out.varint(atlas.len() as u64);
+        out.bytes(atlas);
+    }
     out.0
 }
 
@@ -200,8 +209,14 @@ pub fn decode_prisms(page: &[u8]) -> Result<PrismPage, PageFault> {
 
 /// The page as it is drawn.
 pub fn decode_objects(page: &[u8]) -> Result<(ObjectPage, ObjectMesh), PageFault> {
-    let page = decode_prisms(page)?;
-    Ok(ObjectPage::from_prisms(page.root, page.collection, page.rep, page.error_m, page.prisms))
+    drawn_up(decode_prisms(page)?)
+}
+
+/// A page of prisms as it is drawn.
+pub(super) fn drawn_up(page: PrismPage) -> Result<(ObjectPage, ObjectMesh), PageFault> {
+    let (drawn, mut mesh) = ObjectPage::from_prisms(page.root, page.collection, page.rep, page.error_m, page.prisms);
+    mesh.atlas = page.atlas.as_deref().map(decode_atlas).transpose()?;
+    Ok((drawn, mesh))
 }
 
 /// The JSON texts of a page's objects, in the order of the decoded page; none where none were stored.
@@ -228,15 +243,22 @@ pub(super) fn decode_framed(framed: &Framed) -> Result<PrismPage, PageFault> {
     let plain = frame::unpack(sections.shapes, sections.shapes_len)?;
     let mut reader = Reader::new(&plain);
     let error_m = reader.f32()?;
-    let prisms = decode_shapes(&mut reader, framed.id.cell)?;
+    let (prisms, has_textures) = decode_shapes(&mut reader, framed.id.cell)?;
+    let atlas = if has_textures { Some(atlas_of(&mut reader)?) } else { None };
     reader.finish()?;
-    Ok(PrismPage { root: framed.id.cell, collection, rep, error_m, prisms })
+    Ok(PrismPage { root: framed.id.cell, collection, rep, error_m, prisms, atlas })
 }
 
 /// What an object takes at least: a byte each for cell, id, rings, roof and three heights, and six for colours.
 const OBJECT_BYTES_MIN: usize = 13;
 
-fn decode_shapes(reader: &mut Reader, root: CellId) -> Result<Vec<Prism>, PageFault> {
+fn atlas_of(reader: &mut Reader) -> Result<Vec<u8>, PageFault> {
+    let len = reader.count(1)?;
+    Ok(reader.take(len)?.to_vec())
+}
+
+/// The prisms, and whether textures lie on them.
+fn decode_shapes(reader: &mut Reader, root: CellId) -> Result<(Vec<Prism>, bool), PageFault> {
     let count = reader.count(OBJECT_BYTES_MIN)?;
     if count > ObjectPage::OBJECTS_MAX {
         return Err(PageFault::Malformed("too many objects"));
@@ -272,8 +294,8 @@ fn decode_shapes(reader: &mut Reader, root: CellId) -> Result<Vec<Prism>, PageFa
         prism.wall_color.copy_from_slice(&colors[..3]);
         prism.roof_color.copy_from_slice(&colors[3..]);
     }
-    details::read(reader, &units, &mut prisms)?;
-    Ok(prisms)
+    let has_textures = details::read(reader, &units, &mut prisms)?;
+    Ok((prisms, has_textures))
 }
 
 fn blank(cell: CellId) -> Prism {

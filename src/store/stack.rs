@@ -8,10 +8,11 @@ use super::error::{PageFault, StoreError};
 use super::ground::GroundPages;
 use super::manifest::Manifest;
 use super::merge;
+use super::objects::drawn_up;
 use super::pack::PageSource;
 use super::world::World;
 use super::{PrismPage, seat};
-use crate::content::{ObjectPage, Page, PageId, PageKind};
+use crate::content::{Page, PageId, PageKind};
 use crate::forest::Zone;
 use crate::forest::index::{IndexForest, Place, SharedBytes};
 use std::collections::HashMap;
@@ -189,8 +190,9 @@ impl Stack {
             let (world, at, own) = self.locate(id.cell.zone(), place)?;
             return world.decode(self.own_id(at, id), own, bytes);
         }
-        let PrismPage { root, collection, rep, error_m, prisms } = self.prisms(id, place, bytes)?;
-        let (page, mesh) = ObjectPage::from_prisms(root, collection, rep, error_m, prisms);
+        let (world, _, own) = self.locate(id.cell.zone(), place)?;
+        let drawn = drawn_up(self.prisms(id, place, bytes)?);
+        let (page, mesh) = drawn.map_err(|fault| world.page_error(id, own, fault))?;
         Ok(Page::Objects(Arc::new(page), Arc::new(mesh)))
     }
 

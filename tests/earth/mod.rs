@@ -172,7 +172,7 @@ pub fn write(folder: &Path) {
                 encode_imagery(page.cell, rgb, 85).unwrap()
             }
             PageKind::Objects { collection, rep } => {
-                let page = PrismPage { root: page.cell, collection, rep, error_m: 0.1, prisms: houses() };
+                let page = PrismPage { root: page.cell, collection, rep, error_m: 0.1, prisms: houses(), atlas: None };
                 encode_objects(&page, &[]).unwrap()
             }
             PageKind::Segment => panic!("a page of a pack"),

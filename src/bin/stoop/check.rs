@@ -69,7 +69,8 @@ fn against(world: &World, recipe: &std::path::Path, arguments: &Arguments) -> an
         print_against(&report);
     }
     let lost = report.buildings.iter().any(|set| set.missing + set.surplus > 0);
-    Ok(cli::clean(report.violations == 0 && !lost))
+    let far = report.reps.iter().any(|rep| rep.violations > 0);
+    Ok(cli::clean(report.violations == 0 && !lost && !far))
 }
 
 #[cfg(feature = "prepare")]
@@ -107,6 +108,24 @@ fn print_against(report: &stoop::prepare::against::AgainstReport) {
             set.outline_mean_m,
             set.height_worst_m,
             set.height_mean_m
+        );
+    }
+    for rep in &report.reps {
+        cli::sayln!(
+            "{} rep {}: {} pages, {} samples of roofs, {} of drawn ones; off by {:.3} m at most, {:.3} of what its page \
+             declares; drawn ones {:.3}; {} violations; worst in cell {} at {:.6} {:.6}",
+            rep.name,
+            rep.rep,
+            rep.pages,
+            rep.samples,
+            rep.drawn_samples,
+            rep.worst_m,
+            rep.worst_ratio,
+            rep.drawn_worst_ratio,
+            rep.violations,
+            rep.worst_cell,
+            rep.worst_lon_deg,
+            rep.worst_lat_deg
         );
     }
     for violation in &report.examples {

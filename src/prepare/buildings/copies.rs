@@ -253,6 +253,6 @@ impl Motion {
         let [lon, lat] = self.moved(object.ground_at);
         let ground_m = (ground.height_m)(lat, lon);
         let is_buried = place::raise(&mut prism, ground_m, ground);
-        (object.moved(prism, ground_m), is_buried)
+        (object.moved(prism), is_buried)
     }
 }

@@ -1,10 +1,12 @@
 //! Surfaces in three dimensions made sound: welded, triangulated in their planes, turned outwards, told by their slope.
 
 use super::clean::{Plane, Reason, enclosed, fault};
-use crate::prepare::vector::{Shape, Surface, SurfaceKind};
+use crate::prepare::textures::{Picture, REPEATS_MAX};
+use crate::prepare::vector::{Shape, Surface, SurfaceKind, SurfaceTexture};
 use geo::{Area, Coord, LineString, Polygon, TriangulateEarcut};
 use glam::DVec3;
 use std::collections::{BTreeSet, HashMap, HashSet};
+use std::sync::Arc;
 
 /// Points nearer than this are one, metres.
 const WELD_M: f64 = 1e-3;
@@ -17,6 +19,9 @@ const WALL_COS: f64 = 0.1;
 /// Faces that look down lie on the ground when they lie within this of the lowest point, metres.
 const GROUND_M: f64 = 0.3;
 
+/// Texture coordinates are no larger than this.
+const UV_MAX: f32 = 1e4;
+
 /// A face in one plane, or nearly so.
 #[derive(Clone, Debug)]
 pub struct Face {
@@ -28,6 +33,16 @@ pub struct Face {
     pub triangles: Vec<[u32; 3]>,
     /// Unit length, outwards.
     pub normal: DVec3,
+    pub texture: Option<FaceTexture>,
+}
+
+/// The picture on a face.
+#[derive(Clone, Debug)]
+pub struct FaceTexture {
+    /// Which of the shape's pictures.
+    pub picture: u32,
+    /// Where its corners lie in the picture, right and down.
+    pub uvs: HashMap<u32, [f32; 2]>,
 }
 
 /// A feature's faces in local metres.
@@ -37,6 +52,8 @@ pub struct Faces {
     /// East, north (in `plane`) and height as in the source, metres.
     pub corners: Vec<DVec3>,
     pub faces: Vec<Face>,
+    /// Those that its textures name.
+    pub pictures: Vec<Arc<Picture>>,
 }
 
 impl Faces {
@@ -48,11 +65,18 @@ impl Faces {
             Plane::about(first.map(|p| [p[0].to_radians(), p[1].to_radians()]).ok_or("surfaces without points")?);
         let mut weld = Weld { plane, corners: Vec::new(), by_place: HashMap::new() };
         let mut faces = Vec::new();
+        let mut pictures = Vec::new();
         let mut seen = HashSet::new();
         for surface in shape.surfaces.iter().filter(|surface| surface.kind != Some(SurfaceKind::Unseen)) {
             match face(surface, &mut weld) {
-                Ok((face, note)) => {
+                Ok((mut face, note)) => {
                     notes.extend(note);
+                    let texture = surface.texture.as_ref();
+                    match texture.map(|texture| textured(texture, surface, &face, &mut weld, &mut pictures)) {
+                        Some(Ok(texture)) => face.texture = Some(texture),
+                        Some(Err(reason)) => _ = notes.insert(reason),
+                        None => {}
+                    }
                     if seen.insert(fingerprint(&face)) {
                         faces.push(face);
                     } else {
@@ -65,7 +89,7 @@ impl Faces {
         if faces.is_empty() {
             return Err("no sound surface");
         }
-        let mut all = Self { plane, corners: weld.corners, faces };
+        let mut all = Self { plane, corners: weld.corners, faces, pictures };
         if all.turn_outwards() {
             notes.insert("surfaces turned outwards");
         }
@@ -134,7 +158,8 @@ impl Faces {
         face.triangles.iter().map(|t| self.cross(t).length() / 2.0).sum()
     }
 
-    fn cross(&self, triangle: &[u32; 3]) -> DVec3 {
+    /// The normal of a triangle, as long as twice its area.
+    pub fn cross(&self, triangle: &[u32; 3]) -> DVec3 {
         let [a, b, c] = triangle.map(|at| self.corners[at as usize]);
         (b - a).cross(c - a)
     }
@@ -268,7 +293,47 @@ fn face(surface: &Surface, weld: &mut Weld) -> Result<(Face, Option<Reason>), Re
         Some(triangles) => (triangles, note),
         None => (resolved(&polygon, &sheet, weld)?, Some("crossing rings of a surface resolved")),
     };
-    Ok((Face { kind, color: surface.color, rings, triangles, normal }, note))
+    Ok((Face { kind, color: surface.color, rings, triangles, normal, texture: None }, note))
+}
+
+/// The texture of a surface at the corners of its face; an error says why it is not kept.
+fn textured(
+    texture: &SurfaceTexture,
+    surface: &Surface,
+    face: &Face,
+    weld: &mut Weld,
+    pictures: &mut Vec<Arc<Picture>>,
+) -> Result<FaceTexture, Reason> {
+    texture.picture.size_px()?;
+    let fits = texture.uvs.len() == surface.rings.len()
+        && texture.uvs.iter().zip(&surface.rings).all(|(uvs, ring)| uvs.len() == ring.len());
+    if !fits || !texture.uvs.iter().flatten().flatten().all(|part| part.abs() < UV_MAX) {
+        return Err("texture coordinates that do not fit their surface: plain colour");
+    }
+    let mut uvs: HashMap<u32, [f32; 2]> = HashMap::new();
+    for (point, &uv) in surface.rings.iter().flatten().zip(texture.uvs.iter().flatten()) {
+        uvs.entry(weld.corner(point)).or_insert(uv);
+    }
+    if face.triangles.iter().flatten().any(|corner| !uvs.contains_key(corner)) {
+        return Err("texture of a surface with crossing rings: plain colour");
+    }
+    let wrap = texture.picture.wrap;
+    for axis in 0..2 {
+        let low = uvs.values().map(|uv| uv[axis]).fold(f32::INFINITY, f32::min);
+        let high = uvs.values().map(|uv| uv[axis]).fold(f32::NEG_INFINITY, f32::max);
+        if high - low > REPEATS_MAX {
+            return Err("texture repeated too often: plain colour");
+        }
+        // What repeats may as well be taken from the first of the repeated pictures.
+        let shift = wrap.period().map_or(0.0, |period| (low / period).floor() * period);
+        uvs.values_mut().for_each(|uv| uv[axis] -= shift);
+    }
+    let known = pictures.iter().position(|picture| Arc::ptr_eq(picture, &texture.picture));
+    let picture = known.unwrap_or(pictures.len()) as u32;
+    if known.is_none() {
+        pictures.push(texture.picture.clone());
+    }
+    Ok(FaceTexture { picture, uvs })
 }
 
 /// Newell's normal: its length is twice the ring's area.

@@ -30,12 +30,13 @@ pub use rules::{Extent, HEIGHT_MAX_M, Rules, STOREY_M, storeys_by_area};
 use super::model::Model;
 use super::recipe::BuildingsSection;
 use super::source::{SourceFile, resolve};
+use super::textures::{Picture, bake, texels};
 use super::vector::{EXTENSIONS, Feature, OsmBuildingCounts, ReadOptions, read_footprints};
 use super::{OnProgress, PrepareError, Progress};
 use crate::content::Prism;
 use crate::forest::{CellId, LEVEL_MAX};
 use crate::geodesy::VerticalDatum;
-use crate::store::{CollectionInfo, PrismPage, SourceInfo, encode_objects};
+use crate::store::{CollectionInfo, EncodeError, PrismPage, SourceInfo, encode_objects};
 use rayon::prelude::*;
 use std::cmp::Reverse;
 use std::collections::{BTreeMap, BTreeSet};
@@ -48,6 +49,11 @@ const BATCH: usize = 1024;
 const BATCHES_WAITING: usize = 4;
 /// Bounds the distance between what pages hold and the cleaned source: points dropped and positions quantized.
 pub const ERROR_M: f32 = 0.02;
+
+/// Of JPEG, about.
+const TEXELS_PER_BYTE: u64 = 6;
+/// An object's textures count with no more than this in the plan of pages: there they are scaled down.
+const TEXTURE_BYTES_MAX: u64 = 12 << 10;
 
 /// A collection, ready to be written.
 #[derive(Clone, Debug)]
@@ -77,6 +83,9 @@ pub struct ObjectsPage {
     pub height_range_m: (f64, f64),
     /// Of the finest rep: largest bounding dimension of all objects of the collection from the root down, metres.
     pub below_dimension_m: Option<f64>,
+    /// Objects whose textures were scaled down to fit, and those that lost some for want of room.
+    pub textures_scaled: u64,
+    pub textures_lost: u64,
 }
 
 /// One prism of a collection, with what is kept of its feature.
@@ -90,6 +99,10 @@ pub struct Placed {
     pub reach_m: f64,
     /// Longitude and latitude of where the ground of its building is asked for, radians.
     ground_at: [f64; 2],
+    /// Those that the textures of its detail name.
+    pub pictures: Vec<Arc<Picture>>,
+    /// What it shows of them; 0 where all objects of a page share them.
+    texels: u64,
     /// What stands for its detail from afar.
     plain: Option<Box<Plain>>,
 }
@@ -182,6 +195,14 @@ pub fn prepare_pages<E: From<PrepareError>>(
         }
     }
     let height_range_m = packed.height_range_m;
+    for (note, count) in [
+        ("textures scaled down to fit their page", packed.textures_scaled),
+        ("textures without room in their page: plain colour", packed.textures_lost),
+    ] {
+        if count > 0 {
+            *gathered.repaired.entry(note.to_owned()).or_default() += count;
+        }
+    }
     let info = packed.finish(gathered.features);
     let info = CollectionInfo {
         vgis_level: changeover.vgis_level,
@@ -301,15 +322,15 @@ fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result
     };
     if let Some(model) = &feature.model {
         match shape::set_down(model, feature, rules, ground, &mut notes) {
-            Ok(prism) => made.keep(vec![prism], feature, rules, notes),
+            Ok(prism) => made.keep(vec![prism], &model.model.pictures, feature, rules, notes),
             Err(reason) => made.set_aside = Some(reason),
         }
         return Ok(made);
     }
     let shaped = feature.shape.as_ref().map(|shape| shape::prisms(feature, shape, rules, ground, &mut notes));
     let unsound = match shaped {
-        Some(Ok(prisms)) => {
-            made.keep(prisms, feature, rules, notes);
+        Some(Ok((prisms, pictures))) => {
+            made.keep(prisms, &pictures, feature, rules, notes);
             return Ok(made);
         }
         Some(Err(shape::Failed::Attributes(wrong))) => return Err(wrong_value(wrong)),
@@ -336,17 +357,29 @@ fn make(feature: &Feature, file: &str, rules: &Rules, ground: &Ground) -> Result
         None => place::prism(footprint, &extent, ground_m, ground, &mut notes),
     };
     let prisms = footprints.into_iter().map(drawn_up).collect();
-    made.keep(prisms, feature, rules, notes);
+    made.keep(prisms, &[], feature, rules, notes);
     Ok(made)
 }
 
 impl Made {
-    fn keep(&mut self, prisms: Vec<Prism>, feature: &Feature, rules: &Rules, notes: BTreeSet<clean::Reason>) {
+    fn keep(
+        &mut self,
+        prisms: Vec<Prism>,
+        pictures: &[Arc<Picture>],
+        feature: &Feature,
+        rules: &Rules,
+        notes: BTreeSet<clean::Reason>,
+    ) {
         let attributes = rules.kept(feature);
         let rings = prisms.iter().filter_map(|prism| prism.rings.first());
         let at = place::ground_at(rings, feature.ground.as_ref().map(|points| points.as_slice()));
         let ground_at = [at.lon_rad, at.lat_rad];
-        self.objects = prisms.into_iter().map(|prism| Placed::new(prism, attributes.clone(), ground_at)).collect();
+        let placed = |prism| Placed::new(prism, pictures, attributes.clone(), ground_at);
+        self.objects = prisms.into_iter().map(placed).collect();
+        // All copies of a model in a page share its textures.
+        if feature.model.is_some() {
+            self.objects.iter_mut().for_each(|object| object.texels = 0);
+        }
         self.names = feature.attributes.keys().filter(|name| rules.keeps(name)).cloned().collect();
         self.own_colors = rules.color_attributes(&feature.attributes);
         self.notes = notes;
@@ -374,22 +407,22 @@ impl Gathered {
 }
 
 impl Placed {
-    fn new(prism: Prism, attributes: String, ground_at: [f64; 2]) -> Self {
-        let plain = plain::of(&prism).map(Box::new);
+    fn new(prism: Prism, pictures: &[Arc<Picture>], attributes: String, ground_at: [f64; 2]) -> Self {
         let (lat_rad, lon_rad, reach_m) = place_of(&prism);
-        Self { lat_rad, lon_rad, reach_m, attributes, prism, ground_at, plain }
+        let texels = texels(&prism, pictures);
+        let pictures = pictures.to_vec();
+        Self { lat_rad, lon_rad, reach_m, attributes, pictures, texels, prism, ground_at, plain: None }
     }
 
-    /// The same elsewhere, where its ground lies at a height above the ellipsoid, metres.
-    fn moved(&self, prism: Prism, ground_m: f64) -> Self {
+    /// The same elsewhere.
+    fn moved(&self, prism: Prism) -> Self {
         let (lat_rad, lon_rad, reach_m) = place_of(&prism);
-        let plain = self.plain.as_ref().map(|plain| {
-            let top_m = ((f64::from(plain.prism.top_m) + ground_m) as f32).clamp(prism.base_m, prism.top_m);
-            let off_m = (f64::from(plain.prism.top_m) + ground_m - f64::from(top_m)).abs();
-            let prism = Prism { top_m, detail: None, ..prism.clone() };
-            Box::new(Plain { prism, error_m: plain.error_m + off_m })
-        });
-        Self { lat_rad, lon_rad, reach_m, attributes: self.attributes.clone(), prism, ground_at: self.ground_at, plain }
+        Self { lat_rad, lon_rad, reach_m, prism, plain: None, ..self.clone() }
+    }
+
+    /// Once its cell and number are known: what stands for its detail from afar.
+    fn find_plain(&mut self) {
+        self.plain = plain::of(&self.prism).map(Box::new);
     }
 
     /// Largest side of its box, height included, metres.
@@ -428,21 +461,27 @@ fn item(object: &Placed) -> Item {
 fn bytes_about(object: &Placed) -> u32 {
     let corners: usize = object.prism.rings.iter().map(Vec::len).sum();
     let detail = object.prism.detail.as_ref().map_or(0, |detail| 4 * detail.corners.len() + 2 * detail.triangles());
-    (16 + 4 * corners + detail + object.attributes.len() / 4) as u32
+    let textures = (object.texels / TEXELS_PER_BYTE).min(TEXTURE_BYTES_MAX) as usize;
+    (16 + 4 * corners + detail + textures + object.attributes.len() / 4) as u32
 }
 
 fn encode(plan: &PagePlan, cells: &[&[Placed]], collection: u8, name: &str) -> Result<ObjectsPage, PrepareError> {
     let objects: Vec<&Placed> = plan.cells.iter().flat_map(|&at| cells[at]).collect();
-    let prisms = objects.iter().map(|object| object.prism.clone()).collect();
-    let page = PrismPage { root: plan.root, collection, rep: 0, error_m: ERROR_M, prisms };
-    encode_page(page, &texts(&objects), name)
+    let mut prisms: Vec<Prism> = objects.iter().map(|object| object.prism.clone()).collect();
+    let pictures: Vec<&[Arc<Picture>]> = objects.iter().map(|object| &*object.pictures).collect();
+    let baked = bake(&mut prisms, &pictures).map_err(|error| unstorable(plan.root, error, name))?;
+    let page = PrismPage { root: plan.root, collection, rep: 0, error_m: ERROR_M, prisms, atlas: baked.atlas };
+    let page = encode_page(page, &texts(&objects), name)?;
+    Ok(ObjectsPage { textures_scaled: baked.scaled, textures_lost: baked.lost, ..page })
+}
+
+fn unstorable(root: CellId, error: EncodeError, name: &str) -> PrepareError {
+    PrepareError::value(name, format!("page of cell {root}"), error, "split the collection in two")
 }
 
 /// A page with what the index is to know of it.
 fn encode_page(page: PrismPage, attributes: &[String], name: &str) -> Result<ObjectsPage, PrepareError> {
-    let bytes = encode_objects(&page, attributes).map_err(|error| {
-        PrepareError::value(name, format!("page of cell {}", page.root), error, "split the collection in two")
-    })?;
+    let bytes = encode_objects(&page, attributes).map_err(|error| unstorable(page.root, error, name))?;
     let prisms = &page.prisms;
     let largest = |size: &dyn Fn(&Prism) -> f64| prisms.iter().map(size).fold(0.0, f64::max);
     let low = prisms.iter().map(|prism| f64::from(prism.base_m) - f64::from(prism.foundation_m));
@@ -456,6 +495,8 @@ fn encode_page(page: PrismPage, attributes: &[String], name: &str) -> Result<Obj
         reach_m: largest(&Prism::reach_m),
         height_range_m: (low.fold(f64::INFINITY, f64::min), high.fold(f64::NEG_INFINITY, f64::max)),
         below_dimension_m: None,
+        textures_scaled: 0,
+        textures_lost: 0,
         bytes,
     })
 }

@@ -19,6 +19,9 @@ pub struct Packed<'a, 's, E> {
     /// Of all outlines: west, south, east, north, radians.
     bounds_rad: [f64; 4],
     pub height_range_m: (f64, f64),
+    /// Parts of textures that were scaled down, and that found no room.
+    pub textures_scaled: u64,
+    pub textures_lost: u64,
 }
 
 impl<'a, 's, E: From<PrepareError>> Packed<'a, 's, E> {
@@ -32,6 +35,8 @@ impl<'a, 's, E: From<PrepareError>> Packed<'a, 's, E> {
             large_objects: 0,
             bounds_rad: [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY],
             height_range_m: (f64::INFINITY, f64::NEG_INFINITY),
+            textures_scaled: 0,
+            textures_lost: 0,
         }
     }
 
@@ -61,6 +66,8 @@ impl<'a, 's, E: From<PrepareError>> Packed<'a, 's, E> {
         info.bytes += page.bytes.len() as u64;
         info.objects += page.objects;
         info.error_max_m = info.error_max_m.max(page.error_m);
+        self.textures_scaled += page.textures_scaled;
+        self.textures_lost += page.textures_lost;
         let range = &mut self.height_range_m;
         *range = (range.0.min(page.height_range_m.0), range.1.max(page.height_range_m.1));
     }

@@ -15,10 +15,12 @@ use crate::forest::CellId;
 use crate::geodesy::VerticalDatum;
 use crate::prepare::expression::WrongType;
 use crate::prepare::model::Placement;
+use crate::prepare::textures::Picture;
 use crate::prepare::vector::{Feature, Shape, SurfaceKind};
 use geo::{Distance, Euclidean, LineString, Point, Polygon};
 use glam::DVec3;
 use std::collections::{BTreeMap, BTreeSet, HashMap};
+use std::sync::Arc;
 
 /// Colours of one object; further ones are drawn in the object's own.
 const GROUPS_MAX: usize = 240;
@@ -34,6 +36,9 @@ pub enum Failed {
     Attributes(WrongType),
 }
 
+/// Prisms, and the pictures that the textures of their details name.
+pub type Pictured = (Vec<Prism>, Vec<Arc<Picture>>);
+
 /// The prisms of a feature with surfaces, one for each part of its outline; their cells are still to be chosen.
 pub fn prisms(
     feature: &Feature,
@@ -41,7 +46,7 @@ pub fn prisms(
     rules: &Rules,
     ground: &Ground,
     notes: &mut BTreeSet<Reason>,
-) -> Result<Vec<Prism>, Failed> {
+) -> Result<Pictured, Failed> {
     let faces = Faces::new(shape, notes).map_err(Failed::Unsound)?;
     let footprints = outline(&faces, &feature.polygons).map_err(Failed::Unsound)?;
     let base_m = rules.base_m(&feature.attributes).map_err(Failed::Attributes)?;
@@ -51,7 +56,7 @@ pub fn prisms(
     let parts = footprints.into_iter().zip(details).filter(|(_, detail)| detail.triangles() > 0);
     let prisms: Vec<Prism> =
         parts.map(|(footprint, detail)| prism(footprint, detail, shape.lowest_m + raise_m, ground, notes)).collect();
-    if prisms.is_empty() { Err(Failed::Unsound("no surface above the ground")) } else { Ok(prisms) }
+    if prisms.is_empty() { Err(Failed::Unsound("no surface above the ground")) } else { Ok((prisms, faces.pictures)) }
 }
 
 /// The prism of a model that is set down: at its height, or its origin on the terrain.
@@ -168,33 +173,64 @@ fn nearest(outlines: &[Polygon], faces: &Faces, triangle: &[u32; 3]) -> usize {
     distances.enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).map_or(0, |(at, _)| at)
 }
 
-/// What a group of faces is, and its colour.
-type Paint = (FaceKind, Option<[u8; 3]>);
+/// What a group of faces is, its colour, and its picture.
+type Paint = (FaceKind, Option<[u8; 3]>, Option<u32>);
+/// Where a corner lies in which picture, bit by bit.
+type Place = Option<(u32, [u32; 2])>;
+
+/// Faces of one paint.
+#[derive(Default)]
+struct Painted {
+    triangles: Vec<[u32; 3]>,
+    /// Colours of the texture, by area.
+    sum: [f64; 3],
+    area_m2: f64,
+}
 
 /// A detail in the making.
 #[derive(Default)]
 struct Part {
     corners: Vec<DetailCorner>,
-    numbers: HashMap<u32, u32>,
-    groups: BTreeMap<Paint, Vec<[u32; 3]>>,
+    uvs: Vec<[f32; 2]>,
+    numbers: HashMap<(u32, Place), u32>,
+    groups: BTreeMap<Paint, Painted>,
 }
 
 impl Part {
     fn push(&mut self, faces: &Faces, kind: FaceKind, face: &Face, triangle: [u32; 3], raise_m: f64) {
+        let area_m2 = faces.cross(&triangle).length() / 2.0;
+        let room = self.groups.len() < GROUPS_MAX;
+        let texture = face.texture.as_ref().filter(|_| room);
+        let uv_of = |at: u32| texture.and_then(|texture| texture.uvs.get(&at)).copied();
+        let uvs = triangle.map(|at| uv_of(at).unwrap_or_default());
         let triangle = triangle.map(|at| {
-            *self.numbers.entry(at).or_insert_with(|| {
+            let place = texture.and_then(|texture| Some((texture.picture, uv_of(at)?.map(f32::to_bits))));
+            *self.numbers.entry((at, place)).or_insert_with(|| {
+                self.uvs.push(uv_of(at).unwrap_or_default());
                 let place = faces.corners[at as usize];
                 let [lon_rad, lat_rad] = faces.plane.back(geo::Coord { x: place.x, y: place.y });
                 self.corners.push(DetailCorner { lon_rad, lat_rad, height_m: (place.z + raise_m) as f32 });
                 self.corners.len() as u32 - 1
             })
         });
-        let color = face.color.filter(|_| self.groups.len() < GROUPS_MAX);
-        self.groups.entry((kind, color)).or_default().push(triangle);
+        let color = face.color.filter(|_| room && texture.is_none());
+        let group = self.groups.entry((kind, color, texture.map(|texture| texture.picture))).or_default();
+        group.triangles.push(triangle);
+        let mean = texture.and_then(|texture| faces.pictures.get(texture.picture as usize)?.mean(uvs));
+        if let Some(mean) = mean {
+            (0..3).for_each(|channel| group.sum[channel] += mean[channel] * area_m2);
+            group.area_m2 += area_m2;
+        }
     }
 
     fn finish(self) -> Detail {
-        let groups = self.groups.into_iter().map(|((kind, color), triangles)| FaceGroup { kind, color, triangles });
-        Detail { corners: self.corners, groups: groups.collect() }
+        let groups = self.groups.into_iter().map(|((kind, color, texture), painted)| {
+            let Painted { triangles, sum, area_m2 } = painted;
+            let mean = (area_m2 > 0.0).then(|| sum.map(|sum| (sum / area_m2).round() as u8));
+            FaceGroup { kind, color: color.or(mean), texture, triangles }
+        });
+        let groups: Vec<FaceGroup> = groups.collect();
+        let textured = groups.iter().any(|group| group.texture.is_some());
+        Detail { corners: self.corners, uvs: if textured { self.uvs } else { Vec::new() }, groups }
     }
 }

@@ -255,6 +255,7 @@ impl<'t, 'a> Tree<'t, 'a> {
             // Corners are stored to half of a unit.
             error_m: (group.error_m * (1.0 + FOOTPRINT_UNIT_PER_ERROR)) as f32 + ERROR_M,
             prisms: group.prisms,
+            atlas: None,
         };
         Ok(Made { page: encode_page(of, &[], self.name)?, triangles, power })
     }

@@ -7,6 +7,7 @@ pub use table::read;
 
 use super::PrepareError;
 use super::buildings::Reason;
+use super::textures::Picture;
 use crate::content::{Detail, DetailCorner, FaceGroup, FaceKind};
 use crate::geodesy::{Enu, Geodetic, Point};
 use geo::{ConvexHull, MultiPoint};
@@ -17,15 +18,23 @@ use std::sync::Arc;
 /// Colours that are told apart in one model; faces of further ones get the last.
 const COLORS_MAX: usize = 240;
 
-/// Triangles of one colour, sRGB.
-pub type Colored = ([u8; 3], Vec<[u32; 3]>);
+/// Triangles of one colour (sRGB) or one picture, with that one's mean colour.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Colored {
+    pub color: [u8; 3],
+    /// Which of the model's pictures.
+    pub texture: Option<u32>,
+    pub triangles: Vec<[u32; 3]>,
+}
 
 /// A model in metres east, north and up of the point that is set down; its own -z axis is north, y is up.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Model {
     pub corners: Vec<DVec3>,
-    /// Triangles by colour (sRGB).
+    /// Where each corner lies in the picture of its faces, right and down; (0, 0) without.
+    pub uvs: Vec<[f32; 2]>,
     pub groups: Vec<Colored>,
+    pub pictures: Vec<Arc<Picture>>,
     /// Convex hull on the map, counter-clockwise.
     pub hull: Vec<DVec2>,
 }
@@ -50,21 +59,21 @@ impl Model {
     }
 
     /// Of the corners that triangles use.
-    fn new(mut corners: Vec<DVec3>, mut groups: Vec<Colored>) -> Self {
+    fn new(corners: Vec<(DVec3, [f32; 2])>, mut groups: Vec<Colored>, pictures: Vec<Arc<Picture>>) -> Self {
         let mut number = vec![None; corners.len()];
         let mut used = Vec::new();
-        for at in groups.iter_mut().flat_map(|group| &mut group.1).flatten() {
+        for at in groups.iter_mut().flat_map(|group| &mut group.triangles).flatten() {
             *at = *number[*at as usize].get_or_insert_with(|| {
                 used.push(corners[*at as usize]);
                 used.len() as u32 - 1
             });
         }
-        corners = used;
+        let (corners, uvs): (Vec<DVec3>, Vec<[f32; 2]>) = used.into_iter().unzip();
         let points: MultiPoint = corners.iter().map(|corner| (corner.x, corner.y)).collect();
         let hull = points.convex_hull();
         let mut hull: Vec<DVec2> = hull.exterior().coords().map(|point| DVec2::new(point.x, point.y)).collect();
         hull.pop();
-        Self { corners, groups, hull }
+        Self { corners, uvs, groups, pictures, hull }
     }
 }
 
@@ -91,12 +100,15 @@ impl Placement {
             let height_m = (origin_m + point.z * self.scale) as f32;
             DetailCorner { lon_rad: at.lon_rad, lat_rad: at.lat_rad, height_m }
         };
-        let group = |(color, triangles): &Colored| FaceGroup {
+        let group = |group: &Colored| FaceGroup {
             kind: FaceKind::Other,
-            color: Some(*color),
-            triangles: triangles.clone(),
+            color: Some(group.color),
+            texture: group.texture,
+            triangles: group.triangles.clone(),
         };
+        let textured = self.model.groups.iter().any(|group| group.texture.is_some());
         let detail = Detail {
+            uvs: if textured { self.model.uvs.clone() } else { Vec::new() },
             corners: self.model.corners.iter().map(corner).collect(),
             groups: self.model.groups.iter().map(group).collect(),
         };

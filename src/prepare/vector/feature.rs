@@ -2,8 +2,10 @@
 
 use crate::geodesy::VerticalDatum;
 use crate::prepare::model::Placement;
+use crate::prepare::textures::Picture;
 use serde_json::{Map, Value};
 use std::collections::BTreeSet;
+use std::sync::Arc;
 
 /// Longitude and latitude of its points in degrees, as in the source: closed or not, either way round.
 pub type Ring = Vec<[f64; 2]>;
@@ -49,6 +51,16 @@ pub struct Surface {
     pub kind: Option<SurfaceKind>,
     /// sRGB.
     pub color: Option<[u8; 3]>,
+    pub texture: Option<SurfaceTexture>,
+}
+
+/// A picture on a surface.
+#[derive(Clone, Debug, PartialEq)]
+pub struct SurfaceTexture {
+    pub picture: Arc<Picture>,
+    /// Ring by ring, where each point lies in the picture: right and down from the upper left corner, as parts of the
+    /// sides.
+    pub uvs: Vec<Vec<[f32; 2]>>,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]

@@ -12,7 +12,7 @@ mod osm_buildings;
 mod shapefile;
 mod sniff;
 
-pub use feature::{Feature, FootprintPolygon, Ring, Shape, Surface, SurfaceKind};
+pub use feature::{Feature, FootprintPolygon, Ring, Shape, Surface, SurfaceKind, SurfaceTexture};
 pub use osm_buildings::OsmBuildingCounts;
 
 use super::PrepareError;

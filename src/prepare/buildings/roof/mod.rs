@@ -218,10 +218,10 @@ impl RoofMesh {
             let [lon_rad, lat_rad] = self.plane.back(Coord { x: place.x, y: place.y });
             DetailCorner { lon_rad, lat_rad, height_m: place.z as f32 }
         };
-        let group = |kind, triangles: Vec<[u32; 3]>| FaceGroup { kind, color: None, triangles };
+        let group = |kind, triangles: Vec<[u32; 3]>| FaceGroup { kind, color: None, texture: None, triangles };
         let groups = vec![group(FaceKind::Wall, self.walls), group(FaceKind::Roof, self.roofs)];
         let sound = !groups[1].triangles.is_empty();
-        sound.then(|| Detail { corners: self.corners.iter().map(corner).collect(), groups })
+        sound.then(|| Detail { corners: self.corners.iter().map(corner).collect(), uvs: Vec::new(), groups })
     }
 }
 

@@ -42,6 +42,13 @@ pub struct Quantization {
 pub struct Appearance {
     #[serde(default)]
     pub materials: Vec<Material>,
+    #[serde(default)]
+    pub textures: Vec<Texture>,
+    /// Right and up from the lower left corner of a picture, as parts of its sides.
+    #[serde(rename = "vertices-texture", default)]
+    pub texture_vertices: Vec<[f64; 2]>,
+    #[serde(rename = "default-theme-texture")]
+    pub default_texture_theme: Option<String>,
     #[serde(rename = "default-theme-material")]
     pub default_theme: Option<String>,
 }
@@ -50,6 +57,14 @@ pub struct Appearance {
 pub struct Material {
     #[serde(rename = "diffuseColor")]
     pub diffuse: Option<[f64; 3]>,
+}
+
+#[derive(Debug, Deserialize)]
+pub struct Texture {
+    /// A path from the file's folder.
+    pub image: String,
+    #[serde(rename = "wrapMode")]
+    pub wrap: Option<String>,
 }
 
 #[derive(Debug, Default, Deserialize)]
@@ -84,6 +99,8 @@ pub struct Geometry {
     pub semantics: Option<Semantics>,
     #[serde(default)]
     pub material: BTreeMap<String, MaterialValues>,
+    #[serde(default)]
+    pub texture: BTreeMap<String, TextureValues>,
     pub template: Option<usize>,
     #[serde(rename = "transformationMatrix")]
     pub matrix: Option<Vec<f64>>,
@@ -116,6 +133,13 @@ pub struct SemanticSurface {
 pub struct MaterialValues {
     /// One for all surfaces.
     pub value: Option<usize>,
+    #[serde(default)]
+    pub values: Tree,
+}
+
+/// For each ring of each surface the texture, then a texture vertex for each of its points.
+#[derive(Debug, Deserialize)]
+pub struct TextureValues {
     #[serde(default)]
     pub values: Tree,
 }

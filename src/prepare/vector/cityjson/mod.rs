@@ -3,6 +3,7 @@
 //! A file is a document; of a sequence one feature is in memory at a time.
 
 mod document;
+mod pictures;
 mod surfaces;
 
 use super::crs::{Heights, ToLonLat, heights_of};
@@ -11,6 +12,7 @@ use crate::geodesy::VerticalDatum;
 use crate::prepare::PrepareError;
 use crate::prepare::source::SourceFile;
 use document::{CityObject, Document, Quantization};
+use pictures::Pictures;
 use serde_json::{Map, Value};
 use std::collections::{BTreeSet, HashMap};
 use std::sync::Arc;
@@ -24,8 +26,9 @@ const GENERATIONS_MAX: usize = 8;
 
 /// Reads all city objects that have surfaces and are no ground cover.
 pub fn read(file: &SourceFile, options: &ReadOptions, visit: &mut Visit) -> Result<ReadSummary, PrepareError> {
+    let pictures = Pictures::beside(file);
     let mut reader =
-        Reader { file: file.to_string(), options, head: None, summary: ReadSummary::default(), objects: 0 };
+        Reader { file: file.to_string(), options, head: None, summary: ReadSummary::default(), objects: 0, pictures };
     for document in serde_json::Deserializer::from_reader(file.open()?).into_iter::<Document>() {
         let document = document.map_err(|error| {
             let place = format!("after {} objects", reader.objects);
@@ -46,6 +49,7 @@ struct Reader<'a> {
     summary: ReadSummary,
     /// City objects that were looked at.
     objects: u64,
+    pictures: Pictures,
 }
 
 /// What the features of a sequence take from its first document.
@@ -68,7 +72,9 @@ impl Reader<'_> {
             Err(_) => [f64::NAN; 3],
         };
         let places: Vec<[f64; 3]> = vertices.iter().map(|&vertex| place(vertex)).collect();
+        let pictures = self.pictures.of(&document.appearance);
         let scene = Scene {
+            pictures: &pictures,
             appearance: &document.appearance,
             templates: &document.templates,
             vertices: &vertices,

@@ -1,7 +1,9 @@
-//! The surfaces of a geometry: boundaries, semantics and materials walked side by side.
+//! The surfaces of a geometry: boundaries, semantics, materials and textures walked side by side.
 
 use super::document::{Appearance, Geometry, MaterialValues, Templates, Tree};
-use crate::prepare::vector::{Surface, SurfaceKind};
+use crate::prepare::textures::Picture;
+use crate::prepare::vector::{Surface, SurfaceKind, SurfaceTexture};
+use std::sync::Arc;
 
 /// How many lists lie round a geometry's surfaces.
 #[derive(Clone, Copy)]
@@ -27,6 +29,8 @@ impl Nest {
 pub struct Scene<'a> {
     pub appearance: &'a Appearance,
     pub templates: &'a Templates,
+    /// Those of the appearance, in its order.
+    pub pictures: &'a [Arc<Picture>],
     /// In the file's coordinate system.
     pub vertices: &'a [[f64; 3]],
     /// Longitude, latitude (degrees) and the file's height; no numbers where there is no such place.
@@ -63,11 +67,15 @@ impl Scene<'_> {
         let themes = &geometry.material;
         let theme = self.appearance.default_theme.as_ref().and_then(|name| themes.get(name));
         let materials = theme.or_else(|| themes.values().next());
+        let pictures = &geometry.texture;
+        let theme = self.appearance.default_texture_theme.as_ref().and_then(|name| pictures.get(name));
+        let textures = theme.or_else(|| pictures.values().next());
         let mut walk = Walk { scene: self, geometry, materials, point, surfaces: Vec::new() };
         if let Some(nest) = Nest::of(&geometry.kind) {
             let semantics = geometry.semantics.as_ref().map_or(&Tree::Nothing, |semantics| &semantics.values);
             let materials = materials.map_or(&Tree::Nothing, |materials| &materials.values);
-            walk.descend(nest, &geometry.boundaries, semantics, materials);
+            let textures = textures.map_or(&Tree::Nothing, |textures| &textures.values);
+            walk.descend(nest, &geometry.boundaries, Beside { semantics, materials, textures });
         }
         walk.surfaces
     }
@@ -81,25 +89,40 @@ struct Walk<'a> {
     surfaces: Vec<Surface>,
 }
 
+/// What is told of some boundaries, nested like them.
+#[derive(Clone, Copy)]
+struct Beside<'a> {
+    semantics: &'a Tree,
+    materials: &'a Tree,
+    textures: &'a Tree,
+}
+
+impl Beside<'_> {
+    fn at(&self, at: usize) -> Self {
+        let [semantics, materials, textures] = [self.semantics, self.materials, self.textures].map(|tree| tree.at(at));
+        Self { semantics, materials, textures }
+    }
+}
+
 impl Walk<'_> {
-    fn descend(&mut self, nest: Nest, boundary: &Tree, semantics: &Tree, materials: &Tree) {
+    fn descend(&mut self, nest: Nest, boundary: &Tree, beside: Beside) {
         match nest {
             Nest::Surfaces => {
                 for (at, surface) in boundary.list().iter().enumerate() {
-                    self.surface(surface, semantics.at(at), materials.at(at));
+                    self.surface(surface, beside.at(at));
                 }
             }
-            Nest::Shells => self.descend(Nest::Surfaces, boundary.at(0), semantics.at(0), materials.at(0)),
+            Nest::Shells => self.descend(Nest::Surfaces, boundary.at(0), beside.at(0)),
             Nest::Solids => {
                 for (at, solid) in boundary.list().iter().enumerate() {
-                    self.descend(Nest::Shells, solid, semantics.at(at), materials.at(at));
+                    self.descend(Nest::Shells, solid, beside.at(at));
                 }
             }
         }
     }
 
-    fn surface(&mut self, boundary: &Tree, semantic: &Tree, material: &Tree) {
-        let named = self.geometry.semantics.as_ref().zip(semantic.index());
+    fn surface(&mut self, boundary: &Tree, beside: Beside) {
+        let named = self.geometry.semantics.as_ref().zip(beside.semantics.index());
         let named = named.and_then(|(semantics, at)| semantics.surfaces.get(at));
         let kind = named.and_then(|surface| SurfaceKind::of_semantics(&surface.kind));
         if kind == Some(SurfaceKind::Unseen) {
@@ -107,10 +130,26 @@ impl Walk<'_> {
         }
         let ring = |ring: &Tree| ring.list().iter().map(|at| (self.point)(at.index()?)).collect::<Option<Vec<_>>>();
         let rings = boundary.list().iter().map(ring).collect::<Option<Vec<_>>>().unwrap_or_default();
-        let material = material.index().or_else(|| self.materials?.value);
+        let material = beside.materials.index().or_else(|| self.materials?.value);
         let material = material.and_then(|at| self.scene.appearance.materials.get(at));
         let color = material.and_then(|material| material.diffuse).map(|rgb| rgb.map(|c| (c * 255.0).round() as u8));
-        self.surfaces.push(Surface { rings, kind, color });
+        let texture = self.texture(beside.textures);
+        self.surfaces.push(Surface { rings, kind, color, texture });
+    }
+
+    /// The picture of a surface's rings; none where they name none, or no one for all.
+    fn texture(&self, rings: &Tree) -> Option<SurfaceTexture> {
+        let number = rings.at(0).at(0).index()?;
+        let uv = |at: &Tree| {
+            let &[u, v] = self.scene.appearance.texture_vertices.get(at.index()?)?;
+            Some([u as f32, (1.0 - v) as f32])
+        };
+        let ring = |ring: &Tree| {
+            let (first, rest) = ring.list().split_first()?;
+            (first.index() == Some(number)).then(|| rest.iter().map(uv).collect::<Option<Vec<_>>>())?
+        };
+        let uvs = rings.list().iter().map(ring).collect::<Option<Vec<_>>>()?;
+        Some(SurfaceTexture { picture: self.scene.pictures.get(number)?.clone(), uvs })
     }
 }
 
