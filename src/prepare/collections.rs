@@ -74,22 +74,33 @@ struct Summary {
     height_range_m: Option<(f64, f64)>,
 }
 
-/// Prepares the collection of a section as a finished stage. `vertical`: what its bases count from where it does not
-/// say. `check` is asked before the stage is kept: one made of heights that could not be read must not be.
+/// What is to be prepared.
+pub struct Order<'a> {
+    pub section: &'a BuildingsSection,
+    /// Of the collection in its world.
+    pub number: u8,
+    pub root: &'a Path,
+    /// What bases count from where the section does not say.
+    pub vertical: VerticalDatum,
+    pub stages: &'a Stages,
+    pub on_progress: OnProgress<'a>,
+}
+
+/// Prepares a collection as a finished stage. `check` is asked before each page and before the stage is kept: work may be
+/// stopped, and a stage made of heights that could not be read must not be kept.
 pub fn prepare(
-    section: &BuildingsSection,
-    number: u8,
-    root: &Path,
-    vertical: VerticalDatum,
+    order: &Order<'_>,
     ground: &Ground,
-    stages: &Stages,
     check: &dyn Fn() -> Result<(), BuildError>,
-    on_progress: OnProgress<'_>,
 ) -> Result<Collection, BuildError> {
+    let Order { section, number, root, vertical, stages, on_progress } = *order;
     let name = stage_name(number.into());
     let bad = || BuildError::StageContent(name.clone());
     let mut writer = stages.write(&name)?;
-    let mut keep = |page: ObjectsPage| Ok(writer.record(&page_record(&page))?);
+    let mut keep = |page: ObjectsPage| {
+        check()?;
+        Ok(writer.record(&page_record(&page))?)
+    };
     let of = Packing { name: &section.name, collection: number, ground, progress: on_progress };
     let CollectionSummary { info, source, height_range_m, .. } =
         prepare_pages::<BuildError>(section, root, vertical, &of, &mut keep)?;

@@ -107,17 +107,20 @@ fn collections_of(
         });
         let number = u8::try_from(number).ok().filter(|&number| number < u8::MAX);
         let number = number.ok_or_else(|| too_many_collections(recipe))?;
-        Task::new("objects", &section.name, 0, control.stop, control.on_progress).step()?;
+        let task = Task::new("objects", &section.name, 0, control.stop, control.on_progress);
+        task.step()?;
         let kept = collections::kept(number.into(), stages)?;
         let resumed = kept.is_some();
         let collection = match kept {
             Some(collection) => collection,
             None => {
-                let progress = control.on_progress;
-                let check = || ground.failure().map_or(Ok(()), |failure| Err(failure.into()));
-                ground.with(|ground| {
-                    collections::prepare(section, number, root, vertical, ground, stages, &check, progress)
-                })?
+                let on_progress = control.on_progress;
+                let check = || {
+                    task.go_on()?;
+                    ground.failure().map_or(Ok(()), |failure| Err(failure.into()))
+                };
+                let order = collections::Order { section, number, root, vertical, stages, on_progress };
+                ground.with(|ground| collections::prepare(&order, ground, &check))?
             }
         };
         let info = &collection.info;

@@ -229,15 +229,20 @@ impl Inputs<'_> {
             report(&collection, true);
             return Ok(collection);
         }
-        self.task("objects", &section.name, 0).step()?;
+        let task = self.task("objects", &section.name, 0);
+        task.step()?;
         let ground = Ground {
             height_m: &|lat_rad, lon_rad| self.elevation.height_m(lat_rad, lon_rad),
             error_m: &|lat_rad, lon_rad| errors.finest_m(lat_rad, lon_rad),
         };
         let vertical = collections::vertical_of(recipe);
-        let check = || self.heights_were_read();
-        let progress = self.control.on_progress;
-        let collection = collections::prepare(section, number, root, vertical, &ground, self.stages, &check, progress)?;
+        let check = || {
+            task.go_on()?;
+            self.heights_were_read()
+        };
+        let on_progress = self.control.on_progress;
+        let order = collections::Order { section, number, root, vertical, stages: self.stages, on_progress };
+        let collection = collections::prepare(&order, &ground, &check)?;
         report(&collection, false);
         Ok(collection)
     }

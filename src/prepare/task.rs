@@ -30,11 +30,14 @@ impl<'a> Task<'a> {
         Self { stage, item: item.into(), total, done: AtomicU64::new(0), stop, on_progress }
     }
 
+    /// Whether the job may go on.
+    pub fn go_on(&self) -> Result<(), Stopped> {
+        if self.stop.load(Ordering::Relaxed) { Err(Stopped) } else { Ok(()) }
+    }
+
     /// Counts a step that is about to be taken.
     pub fn step(&self) -> Result<(), Stopped> {
-        if self.stop.load(Ordering::Relaxed) {
-            return Err(Stopped);
-        }
+        self.go_on()?;
         let done = self.done.fetch_add(1, Ordering::Relaxed) + 1;
         (self.on_progress)(Progress { stage: self.stage, item: &self.item, done, total: self.total });
         Ok(())

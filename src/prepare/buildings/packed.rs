@@ -16,6 +16,8 @@ pub struct Packed<'a, 's, E> {
     sink: &'a mut PageSink<'s, E>,
     reps: BTreeMap<u8, RepInfo>,
     large_objects: u64,
+    /// Bytes that some pages took, and what had been estimated for them.
+    taken: Option<[u64; 2]>,
     /// Of all outlines: west, south, east, north, radians.
     bounds_rad: [f64; 4],
     pub height_range_m: (f64, f64),
@@ -33,6 +35,7 @@ impl<'a, 's, E: From<PrepareError>> Packed<'a, 's, E> {
             sink,
             reps: BTreeMap::new(),
             large_objects: 0,
+            taken: None,
             bounds_rad: [f64::INFINITY, f64::INFINITY, f64::NEG_INFINITY, f64::NEG_INFINITY],
             height_range_m: (f64::INFINITY, f64::NEG_INFINITY),
             textures_scaled: 0,
@@ -53,7 +56,7 @@ impl<'a, 's, E: From<PrepareError>> Packed<'a, 's, E> {
         let corners = objects.iter().flat_map(|object| object.prism.rings.iter().flatten());
         self.bounds_rad =
             corners.fold(self.bounds_rad, |b, p| [b[0].min(p[0]), b[1].min(p[1]), b[2].max(p[0]), b[3].max(p[1])]);
-        for page in pages(&objects, self.of)? {
+        for page in pages(&objects, self.of, &mut self.taken)? {
             self.count(&page);
             (self.sink)(page)?;
         }
@@ -90,20 +93,25 @@ impl<'a, 's, E: From<PrepareError>> Packed<'a, 's, E> {
     }
 }
 
-/// Packs objects, which must be ordered by cell, into pages and encodes them.
-fn pages(objects: &[Placed], of: &Packing<'_>) -> Result<Vec<ObjectsPage>, PrepareError> {
+/// Packs objects, which must be ordered by cell, into pages and encodes them. `taken` is found out for the first ones.
+fn pages(objects: &[Placed], of: &Packing<'_>, taken: &mut Option<[u64; 2]>) -> Result<Vec<ObjectsPage>, PrepareError> {
     let cells = objects.chunk_by(|a, b| a.prism.cell == b.prism.cell);
     let cells: Vec<&[Placed]> = cells.collect();
     let about = |objects: &[Placed]| objects.iter().map(|object| u64::from(bytes_about(object))).sum::<u64>();
     let sizes: Vec<_> = cells.iter().map(|objects| (objects[0].prism.cell, about(objects))).collect();
     let encode = |page: &PagePlan| encode(page, &cells, of.collection, of.name);
-    // A few pages show what the estimate is worth; then all are planned by it.
-    let first = plan(&sizes, PAGE_BYTES_MAX);
-    let samples: Vec<&PagePlan> = first.iter().step_by(first.len().div_ceil(8).max(1)).collect();
-    let taken = samples.par_iter().map(|page| encode(page).map(|page| page.bytes.len() as u64));
-    let taken: u64 = taken.collect::<Result<Vec<_>, _>>()?.into_iter().sum();
-    let planned: u64 = samples.iter().map(|page| page.bytes).sum();
-    let scaled: Vec<_> = sizes.iter().map(|&(cell, bytes)| (cell, (bytes * taken).div_ceil(planned.max(1)))).collect();
+    let [took, estimated] = match *taken {
+        Some(known) => known,
+        None => {
+            // A few pages show what the estimate is worth; then all are planned by it.
+            let first = plan(&sizes, PAGE_BYTES_MAX);
+            let samples: Vec<&PagePlan> = first.iter().step_by(first.len().div_ceil(8).max(1)).collect();
+            let took = samples.par_iter().map(|page| encode(page).map(|page| page.bytes.len() as u64));
+            let took: u64 = took.collect::<Result<Vec<_>, _>>()?.into_iter().sum();
+            *taken.insert([took, samples.iter().map(|page| page.bytes).sum()])
+        }
+    };
+    let scaled: Vec<_> = sizes.iter().map(|&(cell, bytes)| (cell, (bytes * took).div_ceil(estimated.max(1)))).collect();
     let plans = plan(&scaled, PAGE_BYTES_MAX);
     let pages: Result<Vec<_>, PrepareError> = plans.par_iter().map(encode).collect();
     let count = plans.len() as u64;

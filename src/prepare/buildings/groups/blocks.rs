@@ -61,9 +61,12 @@ fn is_about_a_box(members: &[usize], within_sides: f64) -> bool {
     within_sides >= 1.0 && squares.all(|at| is_full[at] || beside(at).any(|beside| is_full[beside]))
 }
 
+/// Rings, and triangles of what they enclose.
+pub type Outline = (Vec<Vec<[f64; 2]>>, Vec<[u16; 3]>);
+
 /// Rings and their triangles with fewer corners, no corner left out farther than `within_m` from what is left (Ramer,
 /// Douglas, Peucker); `None` where nothing is gained or the area changes by more than a fifth.
-pub fn simplified(rings: &[Vec<[f64; 2]>], within_m: f64) -> Option<(Vec<Vec<[f64; 2]>>, Vec<[u16; 3]>)> {
+pub fn simplified(rings: &[Vec<[f64; 2]>], within_m: f64) -> Option<Outline> {
     let polygon = polygon(rings)?;
     let simple = polygon.simplify(within_m);
     let area = polygon.unsigned_area();
@@ -188,8 +191,6 @@ fn block(
     let mean = |value: &dyn Fn(&Column) -> f32| {
         members.iter().map(|&at| tile[at].weight() * f64::from(value(&tile[at]))).sum::<f64>() / weight
     };
-    let mut shares: BTreeMap<u32, u32> = BTreeMap::new();
-    members.iter().for_each(|&at| *shares.entry(tile[at].object).or_default() += 1);
     let rings = outline(members, &|x, y| index(x, y).is_some_and(is_member));
     let corner = |[x, y]: [i32; 2]| [f64::from(key[0] * TILE + x) * side_m, f64::from(key[1] * TILE + y) * side_m];
     let rings: Vec<Vec<[f64; 2]>> = rings.into_iter().map(|ring| ring.into_iter().map(corner).collect()).collect();
@@ -199,8 +200,14 @@ fn block(
         top_m: mean(&|column| column.top_m),
         base_m: mean(&|column| column.base_m),
         foot_m: members.iter().map(|&at| f64::from(tile[at].foot_m)).fold(f64::INFINITY, f64::min),
-        object: shares.iter().max_by_key(|&(_, share)| share).map_or(0, |(&object, _)| object),
+        object: most_of(members.iter().map(|&at| tile[at].object).collect()),
     })
+}
+
+/// The object with the most squares, the one of the highest number among equals.
+fn most_of(mut objects: SmallVec<[u32; 64]>) -> u32 {
+    objects.sort_unstable();
+    objects.chunk_by(|a, b| a == b).max_by_key(|same| same.len()).map_or(0, |same| same[0])
 }
 
 /// Where the sides that begin at a corner end: two begin where squares touch at it.

@@ -306,10 +306,9 @@ pub fn tiles_about(runs: &[Run]) -> impl Iterator<Item = TileKey> {
 
 /// The tiles that runs lie in.
 pub fn tiles_of(runs: &[Run]) -> impl Iterator<Item = TileKey> {
-    let squares = runs.iter().flat_map(|run| {
+    runs.iter().flat_map(|run| {
         let y = run.row.div_euclid(SAMPLES * TILE);
         let wide = SAMPLES * TILE;
         (run.from.div_euclid(wide)..=(run.to - 1).div_euclid(wide)).map(move |x| [x, y])
-    });
-    squares
+    })
 }

@@ -37,8 +37,14 @@ impl Plane {
             for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
                 let (a, b) = (self.to(*a), self.to(*b));
                 let (x, y) = (b[0] - a[0], b[1] - a[1]);
-                let (length, angle) = (x.hypot(y), 4.0 * y.atan2(x));
-                sum = [sum[0] + length * angle.cos(), sum[1] + length * angle.sin()];
+                // The fourth power of x + iy has four times its angle; over its length cubed it has its length.
+                let (square, twice) = (x * x - y * y, 2.0 * x * y);
+                let length = (x * x + y * y).sqrt().max(f64::MIN_POSITIVE);
+                let scale = length.powi(-3);
+                if scale.is_finite() {
+                    sum[0] += (square * square - twice * twice) * scale;
+                    sum[1] += 2.0 * square * twice * scale;
+                }
             }
         }
         (sum[1].atan2(sum[0]).rem_euclid(TAU) / 4.0) % FRAC_PI_2
