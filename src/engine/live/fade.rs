@@ -129,6 +129,7 @@ fn parts<'p>(page: &'p ObjectPage, range: &'p Range<u32>) -> impl Iterator<Item 
 }
 
 #[cfg(test)]
+#[allow(clippy::single_range_in_vec_init, reason = "ranges are meant as ranges")]
 mod tests {
     use super::*;
     use crate::content::{CellObjects, Object, PageKind};
