@@ -283,14 +283,14 @@ mod tests {
     fn what_is_off_is_measured_and_what_vanished_counts_its_size() {
         let root = CellId::containing(0.7, 0.3, 14);
         let source = block(root, 0.0, 20.0, 30.0);
-        let same = measure(&[&source], &[source.clone()], root, 1.0);
+        let same = measure(&[&source], std::slice::from_ref(&source), root, 1.0);
         assert!(same.worst_m < 1e-6 && same.violations == 0 && same.samples == 32, "{same:?}");
         let higher = measure(&[&source], &[block(root, 0.0, 20.0, 33.0)], root, 4.0);
         assert!((higher.worst_m - 3.0).abs() < 1e-6 && higher.violations == 0, "{higher:?}");
         let aside = measure(&[&source], &[block(root, 5.0, 20.0, 30.0)], root, 4.0);
         assert!((aside.worst_m - 5.0).abs() < 1e-6 && aside.violations > 0, "{aside:?}");
         assert!((aside.drawn_worst_ratio - 5.0 / 4.02).abs() < 1e-6, "{aside:?}");
-        let gone = measure(&[&source, &block(root, 300.0, 8.0, 9.0)], &[source.clone()], root, 10.0);
+        let gone = measure(&[&source, &block(root, 300.0, 8.0, 9.0)], std::slice::from_ref(&source), root, 10.0);
         assert!((gone.worst_m - 9.0).abs() < 1e-3 && gone.violations == 0, "{gone:?}");
         // What stands where nothing was is as wrong as what is absent.
         let surplus = measure(&[&source], &[source.clone(), block(root, 300.0, 8.0, 9.0)], root, 10.0);
