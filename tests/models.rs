@@ -181,3 +181,52 @@ fn wrong_tables_and_models_say_where_and_what_to_do() {
     let error = try_gather(folder.path(), "lon_deg,lat_deg\n1,2\n", "").unwrap_err().to_string();
     assert!(error.contains("model.gltf"), "{error}");
 }
+
+#[test]
+fn a_textured_model_has_its_picture_by_the_factor_and_each_half_its_own() {
+    let folder = tempfile::tempdir().unwrap();
+    // A wall of 4 × 2 m that looks south: v runs down from the top, u beyond one repeats the picture.
+    write_gltf(
+        folder.path(),
+        &[[-2.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [-2.0, 2.0, 0.0]],
+        &[[0, 1, 2], [0, 2, 3]],
+        json!({ "mesh": 0 }),
+    );
+    let file = folder.path().join("model.gltf");
+    let mut gltf: serde_json::Value = serde_json::from_slice(&std::fs::read(&file).unwrap()).unwrap();
+    let uvs: Vec<u8> = [[3.0f32, 1.0], [4.0, 1.0], [4.0, 0.0], [3.0, 0.0]]
+        .iter()
+        .flatten()
+        .flat_map(|part| part.to_le_bytes())
+        .collect();
+    std::fs::write(folder.path().join("uvs.bin"), &uvs).unwrap();
+    gltf["buffers"].as_array_mut().unwrap().push(json!({ "uri": "uvs.bin", "byteLength": uvs.len() }));
+    gltf["bufferViews"].as_array_mut().unwrap().push(json!({ "buffer": 1, "byteLength": uvs.len() }));
+    gltf["accessors"]
+        .as_array_mut()
+        .unwrap()
+        .push(json!({ "bufferView": 2, "componentType": 5126, "count": 4, "type": "VEC2" }));
+    gltf["meshes"][0]["primitives"][0]["attributes"]["TEXCOORD_0"] = json!(2);
+    gltf["materials"][0]["pbrMetallicRoughness"]["baseColorTexture"] = json!({ "index": 0 });
+    gltf["textures"] = json!([{ "source": 0 }]);
+    gltf["images"] = json!([{ "uri": "half.png" }]);
+    std::fs::write(&file, gltf.to_string()).unwrap();
+    let half = image::RgbImage::from_fn(16, 16, |x, _| image::Rgb(if x < 8 { [200, 100, 250] } else { [20, 10, 0] }));
+    half.save(folder.path().join("half.png")).unwrap();
+    let gathered = try_gather(folder.path(), "lon_deg,lat_deg,height_m\n8,47,0\n", "").unwrap();
+    let placed = &gathered.objects[0];
+    let (detail, corners) = (detail(placed), around(placed, 8.0, 47.0));
+    assert_eq!((detail.groups.len(), detail.groups[0].texture), (1, Some(0)));
+    for (corner, uv) in corners.iter().zip(&detail.uvs) {
+        let expected = [(corner.x + 2.0) / 4.0, 1.0 - corner.z / 2.0];
+        assert!((0..2).all(|axis| (f64::from(uv[axis]) - expected[axis]).abs() < 1e-5), "{corner} {uv:?}");
+    }
+    let texels = placed.pictures[0].read().unwrap();
+    assert_eq!(texels.get_pixel(0, 0).0, [200, 0, 125], "by the factor");
+    assert_eq!(texels.get_pixel(15, 0).0, [20, 0, 0]);
+    // What is cut out by alpha stays plain.
+    gltf["materials"][0]["alphaMode"] = json!("MASK");
+    std::fs::write(&file, gltf.to_string()).unwrap();
+    let gathered = try_gather(folder.path(), "lon_deg,lat_deg,height_m\n8,47,0\n", "").unwrap();
+    assert!(gathered.objects[0].prism.detail.as_ref().unwrap().groups.iter().all(|group| group.texture.is_none()));
+}

@@ -115,7 +115,7 @@ impl Picture {
     /// Mean colour of a triangle of the picture, sRGB of 255; by the thumbnail.
     pub fn mean(&self, uvs: [[f32; 2]; 3]) -> Option<[f64; 3]> {
         /// Samples along a side of the triangle.
-        const STEPS: u32 = 6;
+        const STEPS: u32 = 12;
         let thumb = &self.look().ok()?.thumb;
         let (mut sum, mut count) = ([0.0; 3], 0.0);
         for (row, column) in (0..STEPS).flat_map(|row| (0..STEPS - row).map(move |column| (row, column))) {

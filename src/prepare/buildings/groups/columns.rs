@@ -157,7 +157,7 @@ impl Columns {
 
     /// How far an object's roof may be from the nearest block, metres: the farthest of its lattice points, blocks
     /// farther than some squares away left out. Infinite where there are none, and no less than `enough_m` matters.
-    pub fn distance_m(&self, prism: &Prism, runs: &[Run], enough_m: f64) -> f64 {
+    pub fn distance_m(&self, prism: &Prism, shape: &Shape, runs: &[Run], enough_m: f64) -> f64 {
         let mut worst_m: f64 = 0.0;
         let mut last: Last = None;
         for (square, from, to, row) in
@@ -180,6 +180,13 @@ impl Columns {
                 }
             }
         }
+        // Arms narrower than a step may lie between all lattice points: their edges tell.
+        shape.edge_points(self.step_m(), &mut |point| {
+            if worst_m < enough_m {
+                let square = point.map(|at| at.div_euclid(SAMPLES));
+                worst_m = worst_m.max(self.near_m(point, square, prism, worst_m, &mut last));
+            }
+        });
         // Between lattice points half a step either way is left.
         worst_m + self.step_m() * std::f64::consts::FRAC_1_SQRT_2
     }
@@ -242,6 +249,19 @@ impl Shape {
     /// Whether it takes too many points of a lattice to be worth a look.
     pub fn is_beyond(&self, step_m: f64) -> bool {
         (0..2).any(|axis| (self.high[axis] - self.low[axis]) / step_m > LATTICE_MAX)
+    }
+
+    /// Lattice points nearest to points along the edges, at most a step apart.
+    fn edge_points(&self, step_m: f64, visit: &mut dyn FnMut([i32; 2])) {
+        for ring in &self.rings {
+            for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
+                let steps = ((b[0] - a[0]).hypot(b[1] - a[1]) / step_m).ceil().max(1.0);
+                for at in 0..steps as u32 {
+                    let share = f64::from(at) / steps;
+                    visit([0, 1].map(|axis| ((a[axis] + share * (b[axis] - a[axis])) / step_m).floor() as i32));
+                }
+            }
+        }
     }
 
     /// Runs of lattice points inside, row by row. One point in the middle where a footprint lies between all of them.

@@ -119,7 +119,7 @@ impl<'a> Member<'a> {
         if self.landmark {
             return 0.0;
         }
-        let off_m = columns.distance_m(self.placed.plain(), &self.runs, self.dimension_m) + outline_m;
+        let off_m = columns.distance_m(self.placed.plain(), &self.shape, &self.runs, self.dimension_m) + outline_m;
         off_m.min(self.dimension_m)
     }
 }
