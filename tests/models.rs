@@ -185,10 +185,10 @@ fn wrong_tables_and_models_say_where_and_what_to_do() {
 #[test]
 fn a_textured_model_has_its_picture_by_the_factor_and_each_half_its_own() {
     let folder = tempfile::tempdir().unwrap();
-    // A wall of 4 × 2 m that looks south: v runs down from the top, u beyond one repeats the picture.
+    // A wall of 4 × 2 m that looks south and leans, so that it has an outline: v runs down from the top, u beyond one repeats the picture.
     write_gltf(
         folder.path(),
-        &[[-2.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0], [-2.0, 2.0, 0.0]],
+        &[[-2.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, -1.0], [-2.0, 2.0, -1.0]],
         &[[0, 1, 2], [0, 2, 3]],
         json!({ "mesh": 0 }),
     );
@@ -214,6 +214,7 @@ fn a_textured_model_has_its_picture_by_the_factor_and_each_half_its_own() {
     let half = image::RgbImage::from_fn(16, 16, |x, _| image::Rgb(if x < 8 { [200, 100, 250] } else { [20, 10, 0] }));
     half.save(folder.path().join("half.png")).unwrap();
     let gathered = try_gather(folder.path(), "lon_deg,lat_deg,height_m\n8,47,0\n", "").unwrap();
+    assert_eq!(gathered.objects.len(), 1, "{:?}", gathered.set_aside);
     let placed = &gathered.objects[0];
     let (detail, corners) = (detail(placed), around(placed, 8.0, 47.0));
     assert_eq!((detail.groups.len(), detail.groups[0].texture), (1, Some(0)));
