@@ -17,7 +17,7 @@ use stoop::engine::Source;
 use stoop::forest::CellId;
 use stoop::forest::index::{IndexForest, Place};
 use stoop::paging::{PlannerParams, PolicyName, held_bytes, least_held_bytes};
-use stoop::select::{LAYERS, ObjectsMode, OutOfView, SelectParams, layer_of, select, select_raised, survey};
+use stoop::select::{LAYERS, SelectParams, layer_of, select, select_raised, survey};
 use stoop::simulate::{Budget, FrameBound, Library, Setup, Simulation, bytes_by, fly};
 use stoop::storage::{Disk, Faults, PartOutcome, REQUEST_BYTES_MAX, Request, StorageModel};
 use stoop::store::World;
@@ -30,13 +30,7 @@ const ROUNDING: f64 = 1e-9;
 const ANY: Budget = Budget { read_bytes: f64::INFINITY, held_bytes: u64::MAX };
 
 fn params(tolerance_px: f64) -> SelectParams {
-    SelectParams {
-        tolerance_px,
-        threshold_px: 1.0,
-        objects: ObjectsMode::Groups,
-        hidden: stoop::select::CollectionSet::NONE,
-        out_of_view: OutOfView::Left,
-    }
+    SelectParams { tolerance_px, ..SelectParams::DEFAULT }
 }
 
 fn shape(seed: u64, refined: f64) -> Shape {

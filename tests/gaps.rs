@@ -3,24 +3,20 @@
 #![cfg(feature = "prepare")]
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
 
+mod towns;
+
 use std::collections::HashMap;
-use std::fs::{self, File};
+use std::fs;
 use std::path::Path;
-use std::sync::atomic::AtomicBool;
 use stoop::camera::{Pose, View};
 use stoop::cells::LiveTree;
 use stoop::content::{Page, PageId, PageKind, Prism};
 use stoop::engine::Lifts;
 use stoop::forest::CellId;
 use stoop::geodesy::Geodetic;
-use stoop::prepare::Recipe;
-use stoop::prepare::pipeline::{BuildOptions, Control, build};
-use stoop::select::{CollectionSet, DrawObjects, DrawPiece, ObjectsMode, OutOfView, SelectParams, Selection, select};
+use stoop::select::{DrawObjects, DrawPiece, SelectParams, Selection, select};
 use stoop::store::World;
-use stoop::units::ByteSize;
-use tiff::encoder::TiffEncoder;
-use tiff::encoder::colortype::Gray32Float;
-use tiff::tags::Tag;
+use towns::{make_of, write_dem};
 
 const WEST: f64 = -84.5;
 const NORTH: f64 = 33.9;
@@ -28,13 +24,7 @@ const SIDE_DEG: f64 = 0.1;
 const STEP_DEG: f64 = 0.0005;
 /// Buildings along each side of the city.
 const ACROSS: u32 = 50;
-const PARAMS: SelectParams = SelectParams {
-    tolerance_px: 1.0,
-    threshold_px: 1.0,
-    objects: ObjectsMode::Groups,
-    hidden: CollectionSet::NONE,
-    out_of_view: OutOfView::Left,
-};
+const PARAMS: SelectParams = SelectParams::DEFAULT;
 const RECIPE: &str = r#"
 name = "slopes"
 [[elevation]]
@@ -54,20 +44,6 @@ fn slopes_m(lon_deg: f64, lat_deg: f64) -> f64 {
     600.0 + 150.0 * (lon_deg * 160.0).sin() * (lat_deg * 140.0).cos() + 40.0 * (lon_deg * 900.0 + lat_deg * 700.0).sin()
 }
 
-fn write_dem(path: &Path, size: (u32, u32), place: (f64, f64, f64), height_m: impl Fn(f64, f64) -> f64) {
-    let (west, north, step) = place;
-    let at = |i: u32| (west + f64::from(i % size.0) * step, north - f64::from(i / size.0) * step);
-    let posts: Vec<f32> = (0..size.0 * size.1).map(|i| height_m(at(i).0, at(i).1) as f32).collect();
-    let mut encoder = TiffEncoder::new(File::create(path).unwrap()).unwrap();
-    let mut image = encoder.new_image::<Gray32Float>(size.0, size.1).unwrap();
-    let tags = image.encoder();
-    tags.write_tag(Tag::ModelPixelScaleTag, &[step, step, 0.0][..]).unwrap();
-    tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, west, north, 0.0][..]).unwrap();
-    let keys = [1u16, 1, 0, 3, 1024, 0, 1, 2, 1025, 0, 1, 2, 2048, 0, 1, 4326];
-    tags.write_tag(Tag::GeoKeyDirectoryTag, &keys[..]).unwrap();
-    image.write_data(&posts).unwrap();
-}
-
 fn building(at: u32) -> String {
     let spread = SIDE_DEG * 0.8 / f64::from(ACROSS);
     let lon = WEST + SIDE_DEG * 0.1 + spread * f64::from(at % ACROSS);
@@ -82,17 +58,13 @@ fn building(at: u32) -> String {
 
 fn world(folder: &Path) -> World {
     let at = |name: &str| folder.join(name);
-    write_dem(&at("globe.tif"), (25, 13), (-180.0, 90.0, 15.0), |_, _| 500.0);
+    write_dem(&at("globe.tif"), [25, 13], [-180.0, 90.0, 15.0], |_, _| 500.0);
     let posts = (SIDE_DEG / STEP_DEG) as u32 + 1;
-    write_dem(&at("slopes.tif"), (posts, posts), (WEST, NORTH, STEP_DEG), slopes_m);
+    write_dem(&at("slopes.tif"), [posts, posts], [WEST, NORTH, STEP_DEG], slopes_m);
     let town: Vec<_> = (0..ACROSS * ACROSS).map(building).collect();
     fs::write(at("town.geojson"), format!(r#"{{"type":"FeatureCollection","features":[{}]}}"#, town.join(",")))
         .unwrap();
-    fs::write(at("recipe.toml"), RECIPE).unwrap();
-    let recipe = Recipe::read(&at("recipe.toml")).unwrap();
-    let options = BuildOptions { out: at("world"), root: None, memory: ByteSize(64 << 20), replace: false };
-    let control = Control { stop: &AtomicBool::new(false), on_progress: &|_| {}, on_done: &|_| {}, on_note: &|_| {} };
-    build(&recipe, &options, &control).unwrap();
+    make_of(folder, &at("world"), RECIPE);
     World::open(&at("world")).unwrap()
 }
 

@@ -13,15 +13,9 @@ use stoop::cells::LiveTree;
 use stoop::content::{CellObjects, FIRST_GROUPS, Object, ObjectMesh, ObjectPage, Page, PageId, PageKind};
 use stoop::forest::index::{IndexForest, IndexTree, NodeInfo, ObjectsBelow, ObjectsEntry, Place, TerrainEntry};
 use stoop::forest::{CellId, Quadrant, Zone};
-use stoop::select::{CollectionSet, Demand, ObjectsMode, OutOfView, SelectParams, Selection, select, select_raised};
+use stoop::select::{Demand, SelectParams, Selection, select, select_raised};
 
-const PARAMS: SelectParams = SelectParams {
-    tolerance_px: 1.0,
-    threshold_px: 1.0,
-    objects: ObjectsMode::Groups,
-    out_of_view: OutOfView::Left,
-    hidden: CollectionSet::NONE,
-};
+const PARAMS: SelectParams = SelectParams::DEFAULT;
 const LAT_DEG: f64 = 33.755;
 const LON_DEG: f64 = -84.39;
 const DIMENSION_M: f64 = 1000.0;

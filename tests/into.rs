@@ -290,15 +290,11 @@ fn an_index_that_the_manifest_does_not_name_is_not_taken_for_it() {
 #[test]
 fn boston_comes_to_the_default_world() {
     let root = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let data = std::env::var_os("STOOP_DATA").map_or_else(|| root.join("../shared/data"), PathBuf::from);
-    let Some(file) = [data, "/work/shared/data".into()]
-        .into_iter()
-        .map(|data| data.join("boston/boston_buildings.geojson"))
-        .find(|file| file.exists())
-    else {
-        eprintln!("skipped: no data of Boston here");
+    let file = root.join("../shared/data/boston/boston_buildings.geojson");
+    if !file.exists() {
+        println!("skipped: ../shared/data is not here");
         return;
-    };
+    }
     let folder = tempfile::tempdir().unwrap();
     let world = folder.path().join("world");
     copy(&root.join("tiles/default/world"), &world);

@@ -17,17 +17,11 @@ use stoop::forest::index::{IndexForest, IndexTree, NodeInfo, ObjectsEntry, Place
 use stoop::forest::{CellId, LEVEL_MAX};
 use stoop::geodesy::Geodetic;
 use stoop::select::{
-    Demand, ObjectsMode, OutOfView, SelectParams, Selection, Urgency, ground_demands, select, select_raised, survey,
+    Demand, ObjectsMode, SelectParams, Selection, Urgency, ground_demands, select, select_raised, survey,
 };
 use stoop::store::World;
 
-const PARAMS: SelectParams = SelectParams {
-    tolerance_px: 1.0,
-    threshold_px: 1.0,
-    objects: ObjectsMode::Cells,
-    hidden: stoop::select::CollectionSet::NONE,
-    out_of_view: OutOfView::Left,
-};
+const PARAMS: SelectParams = SelectParams { objects: ObjectsMode::Cells, ..SelectParams::DEFAULT };
 const LAT_DEG: f64 = 33.755;
 const LON_DEG: f64 = -84.39;
 

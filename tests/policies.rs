@@ -16,7 +16,7 @@ use stoop::paging::{
     Command, Completion, Event, ForesightParams, Frame, Limits, Planner, PlannerParams, PolicyName, PolicyParams,
     RequestManager, ranked, service_order,
 };
-use stoop::select::{Demand, ObjectsMode, OutOfView, SelectParams, Urgency, ground_page, select};
+use stoop::select::{Demand, ObjectsMode, SelectParams, Urgency, ground_page, select};
 
 const MIB: u64 = 1 << 20;
 const LIMITS: Limits = Limits {
@@ -28,13 +28,7 @@ const LIMITS: Limits = Limits {
     run_bytes: 0,
     gap_bytes: 0,
 };
-const SELECT: SelectParams = SelectParams {
-    tolerance_px: 1.0,
-    threshold_px: 20.0,
-    objects: ObjectsMode::Cells,
-    hidden: stoop::select::CollectionSet::NONE,
-    out_of_view: OutOfView::Left,
-};
+const SELECT: SelectParams = SelectParams { threshold_px: 20.0, objects: ObjectsMode::Cells, ..SelectParams::DEFAULT };
 const STEP_S: f64 = 1.0 / 60.0;
 const PUBLISHED: [PolicyName; 2] = [PolicyName::Front, PolicyName::Range];
 

@@ -2,8 +2,10 @@
 #![cfg(feature = "prepare")]
 #![allow(clippy::unwrap_used, reason = "a test that cannot be set up fails")]
 
+mod towns;
+
 use std::cell::RefCell;
-use std::fs::{self, File};
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicBool, Ordering};
 use stoop::content::{Page, PageId, PageKind};
@@ -14,29 +16,12 @@ use stoop::prepare::against::check_against;
 use stoop::prepare::pipeline::{BuildError, BuildOptions, Control, StageDone, build};
 use stoop::store::{Manifest, World};
 use stoop::units::ByteSize;
-use tiff::encoder::TiffEncoder;
-use tiff::encoder::colortype::Gray32Float;
-use tiff::tags::Tag;
+use towns::write_dem;
 
 const WEST: f64 = -84.9;
 const NORTH: f64 = 34.1;
 const STEP: f64 = 0.02;
 const POSTS: u32 = 51;
-
-/// Writes posts (rows from the north) as a georeferenced TIFF.
-fn write_dem(path: &Path, size: (u32, u32), place: (f64, f64, f64), height_m: impl Fn(f64, f64) -> f64) {
-    let (west, north, step) = place;
-    let at = |i: u32| (west + f64::from(i % size.0) * step, north - f64::from(i / size.0) * step);
-    let posts: Vec<f32> = (0..size.0 * size.1).map(|i| height_m(at(i).0, at(i).1) as f32).collect();
-    let mut encoder = TiffEncoder::new(File::create(path).unwrap()).unwrap();
-    let mut image = encoder.new_image::<Gray32Float>(size.0, size.1).unwrap();
-    let tags = image.encoder();
-    tags.write_tag(Tag::ModelPixelScaleTag, &[step, step, 0.0][..]).unwrap();
-    tags.write_tag(Tag::ModelTiepointTag, &[0.0, 0.0, 0.0, west, north, 0.0][..]).unwrap();
-    let keys = [1u16, 1, 0, 3, 1024, 0, 1, 2, 1025, 0, 1, 2, 2048, 0, 1, 4326];
-    tags.write_tag(Tag::GeoKeyDirectoryTag, &keys[..]).unwrap();
-    image.write_data(&posts).unwrap();
-}
 
 fn hills_m(lon_deg: f64, lat_deg: f64) -> f64 {
     250.0 + 120.0 * (lon_deg * 31.0).sin() * (lat_deg * 23.0).cos() + 25.0 * (lon_deg * 170.0).sin()
@@ -79,8 +64,8 @@ height = "height"
 fn sources() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
-    write_dem(&at("globe.tif"), (25, 13), (-180.0, 90.0, 15.0), |lon, lat| if lat > 0.0 { lon.abs() } else { 0.0 });
-    write_dem(&at("hills.tif"), (POSTS, POSTS), (WEST, NORTH, STEP), hills_m);
+    write_dem(&at("globe.tif"), [25, 13], [-180.0, 90.0, 15.0], |lon, lat| if lat > 0.0 { lon.abs() } else { 0.0 });
+    write_dem(&at("hills.tif"), [POSTS, POSTS], [WEST, NORTH, STEP], hills_m);
     write_picture(&at("globe.png"), 64, 32);
     write_picture(&at("hills.png"), 128, 128);
     let town: Vec<_> = (0..30).map(|i| square(-84.4 + f64::from(i) * 5e-4, 33.6, 5.0 + f64::from(i))).collect();
@@ -249,7 +234,7 @@ fn other_sources_start_afresh_with_a_note() {
     let sources = sources();
     let out = sources.path().join("world");
     assert!(build_some(sources.path(), &out, 4, &Told::default()).is_err());
-    write_dem(&sources.path().join("hills.tif"), (POSTS, POSTS), (WEST, NORTH, STEP), |lon, lat| {
+    write_dem(&sources.path().join("hills.tif"), [POSTS, POSTS], [WEST, NORTH, STEP], |lon, lat| {
         hills_m(lon, lat) + 1.0
     });
     let told = Told::default();

@@ -14,15 +14,9 @@ use stoop::content::{PageId, PageKind};
 use stoop::forest::index::IndexForest;
 use stoop::forest::{CellId, LEVEL_MAX, Side};
 use stoop::geodesy::{Ecef, Geodetic, OrientedBox, Point, SEMI_MAJOR_M, SEMI_MINOR_M};
-use stoop::select::{DrawPiece, ObjectsMode, OutOfView, SelectParams, Selection, Urgency, select, select_raised};
+use stoop::select::{DrawPiece, ObjectsMode, SelectParams, Selection, Urgency, select, select_raised};
 
-const PARAMS: SelectParams = SelectParams {
-    tolerance_px: 1.0,
-    threshold_px: 1.0,
-    objects: ObjectsMode::Groups,
-    hidden: stoop::select::CollectionSet::NONE,
-    out_of_view: OutOfView::Left,
-};
+const PARAMS: SelectParams = SelectParams::DEFAULT;
 const LAT_DEG: f64 = 33.755;
 const LON_DEG: f64 = -84.39;
 

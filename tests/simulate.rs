@@ -15,7 +15,7 @@ use stoop::engine::Source;
 use stoop::forest::CellId;
 use stoop::forest::index::{IndexForest, Place};
 use stoop::paging::{FrameReport, Lack, PageState, PlannerParams, PolicyName, drawn_pages};
-use stoop::select::{ObjectsMode, OutOfView, SelectParams, Urgency, select};
+use stoop::select::{SelectParams, Urgency, select};
 use stoop::simulate::{Frame, Library, Setup, Simulation, SimulationError};
 use stoop::storage::{Disk, Faults, PartOutcome, Request, StorageModel};
 use stoop::store::World;
@@ -31,13 +31,7 @@ const QUIET_S: f64 = 0.6;
 const MIB: u64 = 1 << 20;
 
 /// Those of [`Setup::new`].
-const PARAMS: SelectParams = SelectParams {
-    tolerance_px: 1.0,
-    threshold_px: 1.0,
-    objects: ObjectsMode::Groups,
-    hidden: stoop::select::CollectionSet::NONE,
-    out_of_view: OutOfView::Left,
-};
+const PARAMS: SelectParams = SelectParams::DEFAULT;
 
 /// Terrain and pictures round a place, and pages of objects at it.
 fn world() -> IndexForest {

@@ -20,7 +20,7 @@ use stoop::forest::index::synthetic::{Near, SyntheticForest};
 use stoop::forest::index::{IndexForest, Place};
 use stoop::geodesy::Geodetic;
 use stoop::paging::{Command, Completion, Event, Frame, Limits, Planner, PlannerParams, RequestManager, held_bytes};
-use stoop::select::{Demand, ObjectsMode, OutOfView, SelectParams, select, survey};
+use stoop::select::{Demand, SelectParams, select, survey};
 
 const LAT_DEG: f64 = 33.755;
 const LON_DEG: f64 = -84.39;
@@ -73,13 +73,7 @@ struct Scene {
 }
 
 fn params(tolerance_px: f64) -> SelectParams {
-    SelectParams {
-        tolerance_px,
-        threshold_px: 1.0,
-        objects: ObjectsMode::Groups,
-        hidden: stoop::select::CollectionSet::NONE,
-        out_of_view: OutOfView::Left,
-    }
+    SelectParams { tolerance_px, ..SelectParams::DEFAULT }
 }
 
 fn forest(radius_cells: u32, nodes: u64) -> SyntheticForest {

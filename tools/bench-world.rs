@@ -16,16 +16,10 @@ use stoop::cells::LiveTree;
 use stoop::content::{PageId, PageKind};
 use stoop::geodesy::Geodetic;
 use stoop::paging::held_bytes;
-use stoop::select::{CollectionSet, ObjectsMode, OutOfView, SelectParams, Selection, select};
+use stoop::select::{SelectParams, Selection, select};
 use stoop::store::World;
 
-const PARAMS: SelectParams = SelectParams {
-    tolerance_px: 1.0,
-    threshold_px: 1.0,
-    objects: ObjectsMode::Groups,
-    hidden: CollectionSet::NONE,
-    out_of_view: OutOfView::Left,
-};
+const PARAMS: SelectParams = SelectParams::DEFAULT;
 /// How often the frame is done under the eyes of callgrind.
 const TIMES: usize = 16;
 /// Rounds of loading until a front is whole: as many as the world has levels, and some.

@@ -41,6 +41,11 @@ pub struct Footprint {
 }
 
 impl Prism {
+    /// Visible walls are never less than this, metres.
+    pub const WALL_MIN_M: f64 = 0.05;
+    /// Foundations of what stands on the ground are never less than this, metres: who has one, stands.
+    pub const FOUNDATION_MIN_M: f64 = 0.01;
+
     /// Longitude and latitude of the outline's corners, then of the detail's, which may jut out.
     fn corners(&self) -> impl Iterator<Item = [f64; 2]> {
         let detailed = self.detail.iter().flat_map(|detail| &detail.corners);

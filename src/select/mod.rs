@@ -67,6 +67,17 @@ pub struct SelectParams {
     pub out_of_view: OutOfView,
 }
 
+impl SelectParams {
+    /// One pixel for everything, coarser reps where they are within it, all collections, nothing out of view.
+    pub const DEFAULT: Self = Self {
+        tolerance_px: 1.0,
+        threshold_px: 1.0,
+        objects: ObjectsMode::Groups,
+        hidden: CollectionSet::NONE,
+        out_of_view: OutOfView::Left,
+    };
+}
+
 /// How badly a page is wanted; the order is the order of service.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum Urgency {

@@ -11,7 +11,7 @@ use crate::paging::{
     Planner, PlannerParams, PolicyName, RangeRead, ReadError, RequestManager, Totals, Usage, drawn_pages, held_bytes,
     least_footprint_bytes, pinned_demands,
 };
-use crate::select::{CollectionSet, Demand, ObjectsMode, OutOfView, SelectParams, Selection, select_raised};
+use crate::select::{Demand, ObjectsMode, SelectParams, Selection, select_raised};
 use crate::storage::{Disk, Faults, PartOutcome, Request, StorageModel};
 use crate::units::ByteSize;
 use std::collections::{HashMap, HashSet};
@@ -81,8 +81,7 @@ impl Setup {
             tolerance_px: self.tolerance_px,
             threshold_px: self.threshold_px,
             objects: self.objects,
-            hidden: CollectionSet::NONE,
-            out_of_view: OutOfView::Left,
+            ..SelectParams::DEFAULT
         }
     }
 }

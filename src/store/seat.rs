@@ -14,10 +14,6 @@ use std::f64::consts::{PI, TAU};
 
 /// Differences below this are left, metres: half of what heights are stored by.
 const LEAST_M: f64 = 0.01;
-/// Foundations stay foundations, metres.
-const FOUNDATION_MIN_M: f64 = 0.01;
-/// Visible walls are never less than this, metres.
-const WALL_MIN_M: f64 = 0.05;
 
 /// Where one object's ground is, in its own world and in the whole.
 struct Grounds {
@@ -71,9 +67,9 @@ fn set(prism: &mut Prism, shift_m: f64, grounds: &Grounds, lowest_m: f64) {
         prism.base_m = base_m as f32;
         return;
     }
-    let base_m = base_m.max(grounds.whole_m).min(top_m - WALL_MIN_M);
+    let base_m = base_m.max(grounds.whole_m).min(top_m - Prism::WALL_MIN_M);
     prism.base_m = base_m as f32;
-    prism.foundation_m = ((base_m - lowest_m).max(0.0) + grounds.whole_error_m).max(FOUNDATION_MIN_M) as f32;
+    prism.foundation_m = ((base_m - lowest_m).max(0.0) + grounds.whole_error_m).max(Prism::FOUNDATION_MIN_M) as f32;
 }
 
 /// `None` where the whole's ground is that of the object's own world, or one of them has none.

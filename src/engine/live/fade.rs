@@ -4,7 +4,7 @@
 //! A page, or a part of a page of groups, that a new list draws where another that overlaps it went, fades in as that
 //! fades out. What comes into view without replacing anything is there at once.
 
-use crate::content::{FIRST_GROUPS, ObjectPage, PageId};
+use crate::content::{FIRST_GROUPS, ObjectPage, PageId, PageKind};
 use crate::forest::CellId;
 use crate::render::Fading;
 use crate::select::DrawObjects;
@@ -23,7 +23,24 @@ struct Unit {
     part: CellId,
 }
 
+impl Unit {
+    fn collection(&self) -> Option<u8> {
+        match self.page.kind {
+            PageKind::Objects { collection, .. } => Some(collection),
+            _ => None,
+        }
+    }
+
+    /// Whether it stands for some of what another page stands for.
+    fn replaces(&self, other: &Self) -> bool {
+        self.page != other.page
+            && self.collection() == other.collection()
+            && (self.part.contains(other.part) || other.part.contains(self.part))
+    }
+}
+
 struct Fade {
+    /// As it was when the fade began.
     draw: DrawObjects,
     begun_s: f64,
     comes: bool,
@@ -40,25 +57,14 @@ impl Fades {
     pub fn change(&mut self, old: &[DrawObjects], new: &[DrawObjects], now_s: f64) {
         self.end(now_s);
         let (old, new) = (units(old), units(new));
-        let mut gone = old.iter().filter(|(unit, _)| !new.contains_key(unit)).peekable();
         // What is drawn again is no longer on its way out.
         self.fades.retain(|unit, fade| fade.comes == new.contains_key(unit));
-        if gone.peek().is_none() {
-            return;
-        }
-        let gone: Vec<_> = gone.collect();
+        let gone: Vec<_> = old.iter().filter(|(unit, _)| !new.contains_key(unit)).collect();
         let come: Vec<_> = new.iter().filter(|(unit, _)| !old.contains_key(unit)).collect();
-        let overlaps = |a: &Unit, b: &Unit| {
-            let one_collection = a.page.kind != b.page.kind || a.page.cell != b.page.cell;
-            one_collection && (a.part.contains(b.part) || b.part.contains(a.part))
-        };
-        let goes_for =
-            |unit: &Unit, others: &[(&Unit, &DrawObjects)]| others.iter().any(|(other, _)| overlaps(unit, other));
-        let pairs = [(&gone, &come, false), (&come, &gone, true)];
-        for (units, others, comes) in pairs {
-            for (unit, draw) in units.iter().filter(|(unit, _)| goes_for(unit, others)) {
+        for (units, others, comes) in [(&gone, &come, false), (&come, &gone, true)] {
+            for &(unit, draw) in units.iter().filter(|(unit, _)| others.iter().any(|(other, _)| unit.replaces(other))) {
                 if self.fades.len() < FADES_MAX {
-                    self.fades.insert(**unit, Fade { draw: (*draw).clone(), begun_s: now_s, comes });
+                    self.fades.insert(*unit, Fade { draw: draw.clone(), begun_s: now_s, comes });
                 }
             }
         }
@@ -66,16 +72,10 @@ impl Fades {
 
     /// A page went from the GPU: what it fades out for is there at once.
     pub fn forget(&mut self, page: PageId) {
-        let parts: Vec<CellId> = self
-            .fades
-            .iter()
-            .filter(|(unit, fade)| unit.page == page && !fade.comes)
-            .map(|(unit, _)| unit.part)
-            .collect();
-        self.fades.retain(|unit, fade| {
-            let replaces = |part: &CellId| part.contains(unit.part) || unit.part.contains(*part);
-            unit.page != page && !(fade.comes && parts.iter().any(replaces))
-        });
+        let leaving = |(unit, fade): (&Unit, &Fade)| (unit.page == page && !fade.comes).then_some(*unit);
+        let gone: Vec<Unit> = self.fades.iter().filter_map(leaving).collect();
+        self.fades
+            .retain(|unit, fade| unit.page != page && !(fade.comes && gone.iter().any(|gone| unit.replaces(gone))));
     }
 
     pub fn is_empty(&self) -> bool {
@@ -88,12 +88,15 @@ impl Fades {
         if self.fades.is_empty() {
             return None;
         }
-        let steady = units(list).into_iter().filter(|(unit, _)| !self.fades.contains_key(unit)).map(|(_, draw)| draw);
-        let fading = self.fades.values().map(|fade| {
+        let mut units = units(list);
+        let fading = self.fades.iter().map(|(unit, fade)| {
             let share = ((now_s - fade.begun_s) / FADE_S).clamp(0.0, 1.0) as f32;
-            Fading { draw: fade.draw.clone(), share, comes: fade.comes }
+            // What comes is as the list has it by now.
+            let draw = units.remove(unit).unwrap_or_else(|| fade.draw.clone());
+            Fading { draw, share, comes: fade.comes }
         });
-        Some((steady.collect(), fading.collect()))
+        let fading = fading.collect();
+        Some((units.into_values().collect(), fading))
     }
 
     fn end(&mut self, now_s: f64) {
@@ -132,11 +135,15 @@ fn parts<'p>(page: &'p ObjectPage, range: &'p Range<u32>) -> impl Iterator<Item 
 #[allow(clippy::single_range_in_vec_init, reason = "ranges are meant as ranges")]
 mod tests {
     use super::*;
-    use crate::content::{CellObjects, Object, PageKind};
+    use crate::content::{CellObjects, Object};
     use crate::geodesy::Geodetic;
     use std::sync::Arc;
 
     fn page(root: CellId, rep: u8, parts: &[CellId]) -> DrawObjects {
+        page_of(3, root, rep, parts)
+    }
+
+    fn page_of(collection: u8, root: CellId, rep: u8, parts: &[CellId]) -> DrawObjects {
         let place = root.bounds().center();
         let object = |at: u32, cell: CellId| Object {
             id: at,
@@ -160,7 +167,7 @@ mod tests {
         });
         let page = ObjectPage {
             root,
-            collection: 3,
+            collection,
             rep,
             error_m: 0.0,
             origin: place.to_ecef(),
@@ -209,6 +216,20 @@ mod tests {
     }
 
     #[test]
+    fn sets_do_not_fade_into_one_another_and_what_comes_is_as_the_newest_list_has_it() {
+        let (root, children) = cells();
+        let groups = page(root, FIRST_GROUPS, &children);
+        let (own, trees) = (page(root, 0, &children), page_of(4, root, 0, &children));
+        let mut fades = Fades::default();
+        fades.change(std::slice::from_ref(&groups), std::slice::from_ref(&trees), 0.0);
+        assert!(fades.is_empty());
+        let some = DrawObjects { objects: vec![0..2], ..own.clone() };
+        fades.change(&[groups], &[some], 1.0);
+        let (_, fading) = fades.now(&[own], 1.1).unwrap();
+        assert_eq!(fading.iter().find(|fading| fading.comes).unwrap().draw.objects, [0..4]);
+    }
+
+    #[test]
     fn a_page_that_leaves_the_gpu_ends_its_fade() {
         let (root, children) = cells();
         let (groups, own) = (page(root, FIRST_GROUPS, &children[..1]), page(children[0], 0, &children[..1]));
@@ -217,6 +238,5 @@ mod tests {
         assert!(!fades.is_empty());
         fades.forget(groups.page.id());
         assert!(fades.is_empty());
-        assert_eq!(PageKind::Objects { collection: 3, rep: 0 }, own.page.id().kind);
     }
 }

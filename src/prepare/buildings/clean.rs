@@ -50,6 +50,13 @@ impl Plane {
     }
 }
 
+/// A polygon of rings that are not closed, the outer one first; `None` without rings.
+pub(super) fn polygon_of(rings: &[Vec<[f64; 2]>], to: impl Fn([f64; 2]) -> Coord) -> Option<Polygon> {
+    let line = |ring: &Vec<[f64; 2]>| LineString::new(ring.iter().chain(ring.first()).map(|&p| to(p)).collect());
+    let (outer, holes) = rings.split_first()?;
+    Some(Polygon::new(line(outer), holes.iter().map(line).collect()))
+}
+
 /// Cleans a feature's polygons. What was repaired is added to `repaired`; an error says why nothing is left.
 pub fn clean(polygons: &[FootprintPolygon], repaired: &mut BTreeSet<Reason>) -> Result<Vec<Footprint>, Reason> {
     let origin = polygons.iter().filter_map(|rings| rings.first()).flatten().find(|point| fault(point).is_none());

@@ -27,10 +27,6 @@ pub struct Ground<'a> {
 const STEP_M: f64 = 10.0;
 /// Places along one wall; longer walls have them farther apart.
 const STEPS_MAX: f64 = 64.0;
-/// Foundations of what stands on the ground are never less than this, metres: who has one, stands.
-pub const FOUNDATION_MIN_M: f64 = 0.01;
-/// Visible walls are never less than this, metres.
-pub(super) const WALL_MIN_M: f64 = 0.05;
 
 /// Where a building's ground lies above the ellipsoid, metres.
 pub fn ground_m(
@@ -65,13 +61,13 @@ pub fn raise(prism: &mut Prism, ground_m: f64, ground: &Ground) -> bool {
     let (base_m, top_m) = (ground_m + f64::from(prism.base_m), ground_m + f64::from(prism.top_m));
     let mut is_buried = false;
     // What begins above the ground hangs in the air.
-    if foot_m > WALL_MIN_M {
+    if foot_m > Prism::WALL_MIN_M {
         (prism.base_m, prism.top_m) = (base_m as f32, top_m as f32);
     } else {
         let center = bounds(ring.iter().copied()).center();
         let own_m = (ground.height_m)(center.lat_rad, wrap(center.lon_rad));
         is_buried = own_m >= top_m;
-        let base_m = base_m.max(own_m).min(top_m - WALL_MIN_M);
+        let base_m = base_m.max(own_m).min(top_m - Prism::WALL_MIN_M);
         let lowest_m = lowest_m(ring, ground).min(ground_m + foot_m);
         let error_m = (ground.error_m)(center.lat_rad, wrap(center.lon_rad));
         prism.foundation_m = ((base_m - lowest_m).max(0.0) + error_m) as f32;
@@ -100,10 +96,10 @@ pub fn prism(
         if own_m >= top_m {
             notes.insert("roof below the terrain");
         }
-        let base_m = ground_m.max(own_m).min(top_m - WALL_MIN_M);
+        let base_m = ground_m.max(own_m).min(top_m - Prism::WALL_MIN_M);
         let lowest_m = lowest_m(&footprint.rings[0], ground).min(ground_m);
         let error_m = (ground.error_m)(center.lat_rad, center.lon_rad);
-        (base_m, ((base_m - lowest_m).max(0.0) + error_m).max(FOUNDATION_MIN_M))
+        (base_m, ((base_m - lowest_m).max(0.0) + error_m).max(Prism::FOUNDATION_MIN_M))
     };
     Prism {
         id: 0,

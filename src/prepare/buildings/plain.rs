@@ -1,8 +1,8 @@
 //! What stands for a detailed shape from afar: its outline drawn up to the mean height of its roofs.
 
-use super::clean::Plane;
+use super::clean::{Plane, polygon_of};
 use crate::content::{Detail, DetailCorner, FaceKind, Prism};
-use geo::{Coord, Distance, Euclidean, LineString, Point, Polygon};
+use geo::{Coord, Distance, Euclidean, Point};
 
 /// A prism in the place of a detail.
 #[derive(Clone, Debug, PartialEq)]
@@ -19,7 +19,7 @@ pub fn of(prism: &Prism) -> Option<Plain> {
     let origin = prism.rings.first()?.first().copied()?;
     let plane = Plane::about(origin);
     let roofs = roofs(detail, plane);
-    let top_m = (roofs.mean_m as f32).clamp(prism.base_m, prism.top_m);
+    let top_m = (roofs.mean_m as f32).min(prism.top_m).max(prism.base_m);
     let plain = Prism { top_m, detail: None, ..prism.clone() };
     let up_m = (roofs.low_m - f64::from(top_m)).abs().max((roofs.high_m - f64::from(top_m)).abs());
     Some(Plain { error_m: up_m.max(aside_m(prism, detail, plane)), prism: plain })
@@ -37,7 +37,8 @@ struct Roofs {
 fn roofs(detail: &Detail, plane: Plane) -> Roofs {
     let at = |corner: &DetailCorner| plane.to([corner.lon_rad, corner.lat_rad]);
     let heights = detail.corners.iter().map(|corner| f64::from(corner.height_m));
-    let (mut low_m, mut high_m) = (f64::INFINITY, heights.clone().fold(f64::NEG_INFINITY, f64::max));
+    let high_m = heights.clone().reduce(f64::max).unwrap_or_default();
+    let mut low_m = f64::INFINITY;
     let (mut area, mut sum) = (0.0, 0.0);
     for triangle in detail.groups.iter().filter(|group| group.kind == FaceKind::Roof).flat_map(|group| &group.triangles)
     {
@@ -51,18 +52,14 @@ fn roofs(detail: &Detail, plane: Plane) -> Roofs {
         low_m = own.into_iter().fold(low_m, f64::min);
     }
     if area <= 0.0 {
-        low_m = heights.clone().fold(low_m, f64::min);
-        high_m = if high_m.is_finite() { high_m } else { 0.0 };
-        return Roofs { low_m: low_m.min(high_m), high_m, mean_m: high_m };
+        return Roofs { low_m: heights.fold(high_m, f64::min), high_m, mean_m: high_m };
     }
     Roofs { low_m, high_m, mean_m: sum / area }
 }
 
 /// How far corners jut out of the outline, and how far the outline's corners are from any corner.
 fn aside_m(prism: &Prism, detail: &Detail, plane: Plane) -> f64 {
-    let line = |ring: &Vec<[f64; 2]>| LineString::new(ring.iter().chain(ring.first()).map(|&p| plane.to(p)).collect());
-    let Some((outer, holes)) = prism.rings.split_first() else { return 0.0 };
-    let outline = Polygon::new(line(outer), holes.iter().map(line).collect());
+    let Some(outline) = polygon_of(&prism.rings, |p| plane.to(p)) else { return 0.0 };
     let corners: Vec<Coord> = detail.corners.iter().map(|corner| plane.to([corner.lon_rad, corner.lat_rad])).collect();
     let out_m = corners.iter().map(|&corner| Euclidean.distance(&Point::from(corner), &outline));
     let nearest_m = |p: Coord| corners.iter().map(|c| (c.x - p.x).hypot(c.y - p.y)).fold(f64::INFINITY, f64::min);

@@ -8,7 +8,7 @@ use super::Rules;
 use super::clean::{Footprint, Reason, clean};
 use super::faces::{Face, Faces};
 use super::outline::outline;
-use super::place::{self, Ground, WALL_MIN_M};
+use super::place::{self, Ground};
 use super::rules::Extent;
 use crate::content::{Detail, DetailCorner, FaceGroup, FaceKind, Prism};
 use crate::forest::CellId;
@@ -113,7 +113,7 @@ fn prism(
     if own_m >= high_m {
         notes.insert("roof below the terrain");
     }
-    let base_m = low_m.max(own_m).min(high_m - WALL_MIN_M).max(low_m);
+    let base_m = low_m.max(own_m).min(high_m - Prism::WALL_MIN_M).max(low_m);
     let in_air = low_m > building_m + IN_AIR_M && low_m > own_m + IN_AIR_M;
     let foundation_m = if in_air {
         base_m - low_m

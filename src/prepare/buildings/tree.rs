@@ -1,8 +1,8 @@
-//! The tree of a collection's pages, and the groups in it.
+//! The tree of a collection's pages, and the coarser reps in it.
 //!
-//! A page's parent is the page of the nearest root above. Its own objects may have reps with simpler outlines. At a root from [`GROUPS_LEVEL_MIN`] on, groups stand for all
-//! objects below: the finest that fit in a page, and coarser ones by doubled error until the groups of the root above take
-//! over; at the top until next to nothing is left.
+//! A page's parent is the page of the nearest root above. Its own objects may have reps with simpler outlines. At a root
+//! from [`GROUPS_LEVEL_MIN`] on, groups stand for all objects below: the finest that fit in a page, and coarser ones by
+//! doubled error until the groups of the root above take over; at the top until next to nothing is left.
 
 use super::groups::{Group, Part, Plane, group, plane, simpler};
 use super::pack::{PAGE_BYTES_MAX, PagePlan};
@@ -141,10 +141,10 @@ impl<'t, 'a> Tree<'t, 'a> {
             }
             let error_m = ERROR_FIRST_M * f64::from(1u32 << power);
             let prisms = simpler(&node.own, error_m);
-            let left = prisms.iter().map(Prism::triangles).sum::<usize>();
+            let left = triangles_of(&prisms);
             if left as f64 <= triangles as f64 * SAVED_MIN && left > 0 {
                 triangles = left;
-                ladder.push(self.encode(node, rep, Group { prisms, error_m }, power)?);
+                ladder.push(self.encode(node, rep, Group { prisms, error_m }, power, left)?);
             }
         }
         Ok(ladder)
@@ -238,16 +238,22 @@ impl<'t, 'a> Tree<'t, 'a> {
         if group.prisms.is_empty() {
             return Ok(Making::Nothing);
         }
-        let triangles = group.prisms.iter().map(Prism::triangles).sum::<usize>();
+        let triangles = triangles_of(&group.prisms);
         if group.prisms.len() > ObjectPage::OBJECTS_MAX || triangles > limit {
             return Ok(Making::TooMany);
         }
-        Ok(Making::Made(self.encode(node, rep, group, power)?))
+        Ok(Making::Made(self.encode(node, rep, group, power, triangles)?))
     }
 
-    fn encode(&self, node: &Node<'_>, rep: u8, mut group: Group, power: u32) -> Result<Made, PrepareError> {
+    fn encode(
+        &self,
+        node: &Node<'_>,
+        rep: u8,
+        mut group: Group,
+        power: u32,
+        triangles: usize,
+    ) -> Result<Made, PrepareError> {
         group.prisms.sort_by_cached_key(|prism| (prism.cell, largest_first(prism)));
-        let triangles = group.prisms.iter().map(Prism::triangles).sum();
         let of = PrismPage {
             root: node.root,
             collection: self.collection,
@@ -265,9 +271,13 @@ fn triangles(objects: &[&Placed]) -> usize {
     objects.iter().map(|object| object.prism.triangles()).sum()
 }
 
+fn triangles_of(prisms: &[Prism]) -> usize {
+    prisms.iter().map(Prism::triangles).sum()
+}
+
 /// Below half of what most objects measure, groups have nothing to join.
 fn first_power(objects: &[&Placed]) -> u32 {
-    let mut dimensions_m: Vec<f64> = objects.iter().map(|object| object.prism.dimension_m()).collect();
+    let mut dimensions_m: Vec<f64> = objects.iter().map(|object| object.dimension_m()).collect();
     let middle = dimensions_m.len() / 2;
     if dimensions_m.is_empty() {
         return 0;

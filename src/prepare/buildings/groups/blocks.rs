@@ -1,8 +1,8 @@
 //! Blocks: filled squares of one tile that touch along their sides, with roofs at about one height, as one footprint.
 
 use super::columns::{Column, Columns, SAMPLES, TILE, Tile, TileKey};
-use crate::prepare::buildings::clean::triangulate;
-use geo::{Area, Coord, LineString, Polygon, Simplify};
+use crate::prepare::buildings::clean::{polygon_of, triangulate};
+use geo::{Area, Coord, LineString, Simplify};
 use rustc_hash::FxHashMap;
 use smallvec::SmallVec;
 use std::collections::BTreeMap;
@@ -67,7 +67,7 @@ pub type Outline = (Vec<Vec<[f64; 2]>>, Vec<[u16; 3]>);
 /// Rings and their triangles with fewer corners, no corner left out farther than `within_m` from what is left (Ramer,
 /// Douglas, Peucker); `None` where nothing is gained or the area changes by more than a fifth.
 pub fn simplified(rings: &[Vec<[f64; 2]>], within_m: f64) -> Option<Outline> {
-    let polygon = polygon(rings)?;
+    let polygon = polygon_of(rings, coord)?;
     let simple = polygon.simplify(within_m);
     let area = polygon.unsigned_area();
     let is_alike = (simple.unsigned_area() - area).abs() <= area * AREA_CHANGE_MAX;
@@ -81,11 +81,8 @@ pub fn simplified(rings: &[Vec<[f64; 2]>], within_m: f64) -> Option<Outline> {
     Some((simple_rings, triangulate(&simple)?))
 }
 
-fn polygon(rings: &[Vec<[f64; 2]>]) -> Option<Polygon> {
-    let line =
-        |ring: &Vec<[f64; 2]>| LineString::new(ring.iter().chain(ring.first()).map(|&[x, y]| Coord { x, y }).collect());
-    let (outer, holes) = rings.split_first()?;
-    Some(Polygon::new(line(outer), holes.iter().map(line).collect()))
+fn coord([x, y]: [f64; 2]) -> Coord {
+    Coord { x, y }
 }
 
 /// Straightened outlines may change their area by this part.
@@ -195,7 +192,7 @@ fn block(
     let corner = |[x, y]: [i32; 2]| [f64::from(key[0] * TILE + x) * side_m, f64::from(key[1] * TILE + y) * side_m];
     let rings: Vec<Vec<[f64; 2]>> = rings.into_iter().map(|ring| ring.into_iter().map(corner).collect()).collect();
     Some(Block {
-        triangles: triangulate(&polygon(&rings)?)?,
+        triangles: triangulate(&polygon_of(&rings, coord)?)?,
         rings,
         top_m: mean(&|column| column.top_m),
         base_m: mean(&|column| column.base_m),

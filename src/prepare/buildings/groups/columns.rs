@@ -13,13 +13,21 @@ pub const SAMPLES: i32 = 4;
 pub const TILE: i32 = 32;
 /// Lattice rows or points in a row of one object beyond which it is no matter for a grid this fine.
 const LATTICE_MAX: f64 = 4096.0;
+/// How far a point of a footprint may be from all that were looked at, steps: its lattice point is half a diagonal away,
+/// or an edge lies before that, on which one was looked at within half a step.
+const BETWEEN_POINTS: f64 = std::f64::consts::FRAC_1_SQRT_2 + 0.5;
 /// Squares around one in which the nearest block is looked for.
 const AROUND: i32 = 2;
+
+// A bit for each lattice point of a square.
+const _: () = assert!(SAMPLES * SAMPLES == u16::BITS as i32);
 
 /// What lies in a square.
 #[derive(Clone, Copy, Debug)]
 pub struct Column {
-    /// Lattice points covered, each counted for each object.
+    /// Lattice points covered, by bit, row by row.
+    covered: u16,
+    /// The same, each counted for each object.
     samples: u32,
     /// The object with the most of them, its roof and base, metres.
     most: u32,
@@ -32,19 +40,30 @@ pub struct Column {
     pub block_top_m: f32,
 }
 
-const EMPTY: Column =
-    Column { samples: 0, most: 0, object: 0, top_m: 0.0, base_m: 0.0, foot_m: f32::INFINITY, block_top_m: f32::NAN };
+const EMPTY: Column = Column {
+    covered: 0,
+    samples: 0,
+    most: 0,
+    object: 0,
+    top_m: 0.0,
+    base_m: 0.0,
+    foot_m: f32::INFINITY,
+    block_top_m: f32::NAN,
+};
 
 impl Column {
     pub fn is_filled(&self) -> bool {
-        self.samples as i32 * 2 >= SAMPLES * SAMPLES
+        self.covered.count_ones() as i32 * 2 >= SAMPLES * SAMPLES
     }
 
     pub fn weight(&self) -> f64 {
         f64::from(self.samples)
     }
 
-    fn add(&mut self, samples: u32, object: u32, prism: &Prism) {
+    /// Adds lattice points of one row.
+    fn add(&mut self, covered: u16, object: u32, prism: &Prism) {
+        let samples = covered.count_ones();
+        self.covered |= covered;
         if samples > self.most {
             (self.most, self.object) = (samples, object);
             (self.top_m, self.base_m) = (prism.top_m, prism.base_m);
@@ -136,7 +155,7 @@ impl Columns {
                     last = Some((key, Some(number)));
                     number
                 });
-                self.tiles[number as usize].squares[index].add((to - from) as u32, object, prism);
+                self.tiles[number as usize].squares[index].add(run.bits(from, to), object, prism);
             }
         }
     }
@@ -166,34 +185,28 @@ impl Columns {
             if worst_m >= enough_m {
                 break;
             }
-            match self.get(square, &mut last).filter(|column| !column.block_top_m.is_nan()) {
-                Some(column) => {
-                    let up_m = f64::from((column.block_top_m - prism.top_m).abs());
-                    if up_m > worst_m {
-                        worst_m = worst_m.max(self.near_m([from, row], square, prism, worst_m, &mut last));
-                    }
-                }
-                None => {
-                    for point in from..to {
-                        worst_m = worst_m.max(self.near_m([point, row], square, prism, worst_m, &mut last));
-                    }
-                }
+            let is_near = |column: &Column| f64::from((column.block_top_m - prism.top_m).abs()) <= worst_m;
+            if self.get(square, &mut last).is_some_and(is_near) {
+                continue;
+            }
+            for at in from..to {
+                let point = [at, row].map(|at| f64::from(at) + 0.5);
+                worst_m = worst_m.max(self.near_m(point, prism, worst_m, &mut last));
             }
         }
         // Arms narrower than a step may lie between all lattice points: their edges tell.
         shape.edge_points(self.step_m(), &mut |point| {
             if worst_m < enough_m {
-                let square = point.map(|at| at.div_euclid(SAMPLES));
-                worst_m = worst_m.max(self.near_m(point, square, prism, worst_m, &mut last));
+                worst_m = worst_m.max(self.near_m(point, prism, worst_m, &mut last));
             }
         });
-        // Between lattice points half a step either way is left.
-        worst_m + self.step_m() * std::f64::consts::FRAC_1_SQRT_2
+        worst_m + self.step_m() * BETWEEN_POINTS
     }
 
-    /// From a lattice point at the roof to the blocks' roofs in the squares around, nearest squares first; what is within
-    /// `enough_m` is near enough.
-    fn near_m(&self, point: [i32; 2], square: [i32; 2], prism: &Prism, enough_m: f64, last: &mut Last) -> f64 {
+    /// From a point at the roof, in steps of the lattice, to the blocks' roofs in the squares around, nearest squares
+    /// first; what is within `enough_m` is near enough.
+    fn near_m(&self, point: [f64; 2], prism: &Prism, enough_m: f64, last: &mut Last) -> f64 {
+        let square = point.map(|at| (at / f64::from(SAMPLES)).floor() as i32);
         let step_m = self.step_m();
         let mut nearest_m2 = f64::INFINITY;
         for (x, y) in around() {
@@ -205,7 +218,7 @@ impl Columns {
             let other = [square[0] + x, square[1] + y];
             let Some(column) = self.get(other, last).filter(|column| !column.block_top_m.is_nan()) else { continue };
             let gap = |axis: usize| {
-                let at = f64::from(point[axis]) + 0.5;
+                let at = point[axis];
                 let (from, to) = (f64::from(other[axis] * SAMPLES), f64::from((other[axis] + 1) * SAMPLES));
                 (from - at).max(at - to).max(0.0) * step_m
             };
@@ -251,14 +264,23 @@ impl Shape {
         (0..2).any(|axis| (self.high[axis] - self.low[axis]) / step_m > LATTICE_MAX)
     }
 
-    /// Lattice points nearest to points along the edges, at most a step apart.
-    fn edge_points(&self, step_m: f64, visit: &mut dyn FnMut([i32; 2])) {
+    /// The tiles in which it lies, and in which the nearest block is looked for, with squares of a side.
+    pub fn tiles_about(&self, side_m: f64) -> impl Iterator<Item = TileKey> {
+        let tile =
+            |metres: f64, beyond: i32| ((metres / side_m).floor() as i32).saturating_add(beyond).div_euclid(TILE);
+        let [west, south] = self.low.map(|at| tile(at, -AROUND));
+        let [east, north] = self.high.map(|at| tile(at, AROUND));
+        (west..=east).flat_map(move |x| (south..=north).map(move |y| [x, y]))
+    }
+
+    /// Points along the edges, at most a step apart, in steps.
+    fn edge_points(&self, step_m: f64, visit: &mut dyn FnMut([f64; 2])) {
         for ring in &self.rings {
             for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
                 let steps = ((b[0] - a[0]).hypot(b[1] - a[1]) / step_m).ceil().max(1.0);
                 for at in 0..steps as u32 {
                     let share = f64::from(at) / steps;
-                    visit([0, 1].map(|axis| ((a[axis] + share * (b[axis] - a[axis])) / step_m).floor() as i32));
+                    visit([0, 1].map(|axis| (a[axis] + share * (b[axis] - a[axis])) / step_m));
                 }
             }
         }
@@ -303,25 +325,18 @@ pub struct Run {
 }
 
 impl Run {
+    /// Those from a first to before a last one, of one square, by bit.
+    fn bits(self, from: i32, to: i32) -> u16 {
+        let at = SAMPLES * self.row.rem_euclid(SAMPLES) + from.rem_euclid(SAMPLES);
+        ((1u16 << (to - from)) - 1) << at
+    }
+
     /// Parts in one square each: the square, the first point and the one after the last.
     fn by_square(self) -> impl Iterator<Item = ([i32; 2], i32, i32)> {
         let y = self.row.div_euclid(SAMPLES);
         (self.from.div_euclid(SAMPLES)..=(self.to - 1).div_euclid(SAMPLES))
             .map(move |x| ([x, y], self.from.max(x * SAMPLES), self.to.min((x + 1) * SAMPLES)))
     }
-}
-
-/// The tiles that the squares of some runs, and those that the nearest block of them is looked for in, lie in.
-pub fn tiles_about(runs: &[Run]) -> impl Iterator<Item = TileKey> {
-    let squares = runs.iter().fold([[i32::MAX; 2], [i32::MIN; 2]], |[low, high], run| {
-        let (from, to, row) =
-            (run.from.div_euclid(SAMPLES), (run.to - 1).div_euclid(SAMPLES), run.row.div_euclid(SAMPLES));
-        [[low[0].min(from), low[1].min(row)], [high[0].max(to), high[1].max(row)]]
-    });
-    let [low, high] = squares;
-    let tile = |square: i32, beyond: i32| square.saturating_add(beyond).div_euclid(TILE);
-    let columns = if runs.is_empty() { 0..0 } else { tile(low[0], -AROUND)..tile(high[0], AROUND) + 1 };
-    columns.flat_map(move |x| (tile(low[1], -AROUND)..=tile(high[1], AROUND)).map(move |y| [x, y]))
 }
 
 /// The tiles that runs lie in.

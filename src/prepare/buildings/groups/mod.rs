@@ -10,13 +10,12 @@ mod blocks;
 mod columns;
 mod plane;
 
-use super::place::FOUNDATION_MIN_M;
 use super::place::Ground;
 use super::{Placed, place};
 use crate::content::Prism;
 use crate::forest::CellId;
 use blocks::{Allowed, Block, blocks, simplified};
-use columns::{Columns, Run, Shape, TileKey, tiles_about, tiles_of};
+use columns::{Columns, Run, Shape, TileKey, tiles_of};
 pub use plane::Plane;
 use rayon::prelude::*;
 use rustc_hash::FxHashSet;
@@ -30,8 +29,6 @@ const OUTLINE_PER_ERROR: f64 = 0.4;
 const LANDMARK_PER_ERROR: f64 = 0.5;
 /// How often landmarks are looked for.
 const ROUNDS: usize = 8;
-/// Visible walls are never less than this, metres.
-const WALL_MIN_M: f64 = 0.05;
 
 /// What stands for some objects.
 #[derive(Debug, Default)]
@@ -110,8 +107,8 @@ impl<'a> Member<'a> {
         tiles_of(&self.runs).any(|key| tiles.contains(&key))
     }
 
-    fn is_about(&self, tiles: &FxHashSet<TileKey>) -> bool {
-        tiles_about(&self.runs).any(|key| tiles.contains(&key))
+    fn is_about(&self, tiles: &FxHashSet<TileKey>, side_m: f64) -> bool {
+        self.shape.tiles_about(side_m).any(|key| tiles.contains(&key))
     }
 
     /// How far the blocks that stand for it are off; 0 for landmarks, which stand for themselves.
@@ -175,7 +172,7 @@ impl<'a> Making<'a> {
         }
         blocks(&mut self.columns, self.allowed, &is_wanted, &mut self.made);
         for member in self.members.iter_mut().filter(|member| !member.landmark) {
-            if member.is_about(changed) {
+            if member.is_about(changed, self.columns.side_m) {
                 member.error_m = member.measure_m(&self.columns, self.allowed.outline_m);
             }
         }
@@ -213,9 +210,9 @@ impl Block {
         };
         let footprint = prism.footprint();
         let own_m = (ground.height_m)(footprint.lat_rad, place::wrap(footprint.lon_rad));
-        let base_m = self.base_m.max(own_m).min(self.top_m - WALL_MIN_M);
+        let base_m = self.base_m.max(own_m).min(self.top_m - Prism::WALL_MIN_M);
         (prism.base_m, prism.top_m) = (base_m as f32, self.top_m as f32);
-        prism.foundation_m = (base_m - self.foot_m).max(FOUNDATION_MIN_M) as f32;
+        prism.foundation_m = (base_m - self.foot_m).max(Prism::FOUNDATION_MIN_M) as f32;
         Some(prism)
     }
 }

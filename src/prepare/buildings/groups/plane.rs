@@ -1,14 +1,14 @@
 //! A plane about a set of objects, turned along their walls.
 
 use crate::content::Prism;
-use crate::geodesy::{meridian_radius_m, prime_vertical_radius_m};
+use crate::prepare::buildings::clean;
+use geo::Coord;
 use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Metres about a place, x along the walls. Longitudes are taken as they are: objects of one zone.
 #[derive(Clone, Copy, Debug)]
 pub struct Plane {
-    origin: [f64; 2],
-    metres: [f64; 2],
+    plane: clean::Plane,
     /// Cosine and sine of the x axis over east.
     turn: [f64; 2],
 }
@@ -22,9 +22,7 @@ impl Plane {
             high = [high[0].max(lon), high[1].max(lat)];
         }
         let origin = [0, 1].map(|axis| if low[axis] <= high[axis] { (low[axis] + high[axis]) / 2.0 } else { 0.0 });
-        let sin = origin[1].sin();
-        let metres = [(prime_vertical_radius_m(sin) * origin[1].cos()).max(1.0), meridian_radius_m(sin)];
-        let mut plane = Self { origin, metres, turn: [1.0, 0.0] };
+        let mut plane = Self { plane: clean::Plane::about(origin), turn: [1.0, 0.0] };
         let turn_rad = plane.wall_turn_rad(prisms);
         plane.turn = [turn_rad.cos(), turn_rad.sin()];
         plane
@@ -51,15 +49,14 @@ impl Plane {
     }
 
     /// Longitude and latitude, radians, to metres.
-    pub fn to(&self, [lon, lat]: [f64; 2]) -> [f64; 2] {
-        let (east, north) = ((lon - self.origin[0]) * self.metres[0], (lat - self.origin[1]) * self.metres[1]);
+    pub fn to(&self, corner: [f64; 2]) -> [f64; 2] {
+        let Coord { x: east, y: north } = self.plane.to(corner);
         let [cos, sin] = self.turn;
         [east * cos + north * sin, north * cos - east * sin]
     }
 
     pub fn back(&self, [x, y]: [f64; 2]) -> [f64; 2] {
         let [cos, sin] = self.turn;
-        let (east, north) = (x * cos - y * sin, x * sin + y * cos);
-        [east / self.metres[0] + self.origin[0], north / self.metres[1] + self.origin[1]]
+        self.plane.back(Coord { x: x * cos - y * sin, y: x * sin + y * cos })
     }
 }
