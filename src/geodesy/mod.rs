@@ -2,6 +2,7 @@
 //!
 //! Everything is f64 and in metres and radians; degrees exist only in `from_degrees` and at the edges.
 
+mod above;
 mod bounds;
 mod ellipsoid;
 mod frame;
@@ -10,6 +11,7 @@ mod geoid;
 mod horizon;
 mod ray;
 
+pub use above::Viewpoint;
 pub use bounds::{GeoBounds, OrientedBox};
 pub use ellipsoid::{
     ECCENTRICITY_SQ, Ellipsoid, FLATTENING, Geodetic, SEMI_MAJOR_M, SEMI_MINOR_M, ellipsoid_normal, meridian_radius_m,

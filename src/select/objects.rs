@@ -96,6 +96,11 @@ pub fn walk<'b>(
     parts.finish()
 }
 
+/// Whether nothing begins at a node that is to be looked at for itself.
+fn is_bare(node: &Node<'_>) -> bool {
+    node.objects().next().is_none() && node.paged_segment().is_none() && node.absent_children().next().is_none()
+}
+
 /// A node's place in the view.
 struct Place<'n, 'i> {
     node: &'n Node<'i>,
@@ -110,6 +115,14 @@ impl Walk<'_, '_> {
             return;
         }
         let bounds = node.cell().bounds();
+        if self.is_below(node, self.at_least_m(node, &bounds)) {
+            return;
+        }
+        let eye = self.sight.view.pose.eye;
+        if bounds.contains(eye.lat_rad, eye.lon_rad) && is_bare(node) {
+            // The box of what the eye is over seldom tells more.
+            return node.children().for_each(|child| self.visit(&child));
+        }
         let (low_m, high_m) = node.height_range_m();
         let mut around = OrientedBox::around(&bounds, low_m, high_m);
         around.half_m += DVec3::splat(node.reach_m().min(DIMENSION_MAX_M) / 2.0);
@@ -117,10 +130,10 @@ impl Walk<'_, '_> {
             return;
         }
         let distance_m = around.distance_m(self.sight.eye);
-        let px_per_m = self.sight.view.projected_px(1.0, distance_m);
-        if node.dimension_m() * px_per_m < self.thresholds.asked_px {
+        if self.is_below(node, distance_m) {
             return;
         }
+        let px_per_m = self.sight.view.projected_px(1.0, distance_m);
         let place = Place { node, bounds, around, distance_m };
         if let Some(segment) = node.paged_segment() {
             self.segment(&place, segment, true);
@@ -135,6 +148,19 @@ impl Walk<'_, '_> {
             }
         }
         entered.into_iter().rev().for_each(|collection| self.families.leave(collection));
+    }
+
+    /// No more than the distance of any object of the subtree, metres.
+    fn at_least_m(&self, node: &Node<'_>, bounds: &GeoBounds) -> f64 {
+        // Objects reach half their reach beyond the cell, east and north.
+        let beyond_m = node.reach_m().min(DIMENSION_MAX_M) * std::f64::consts::FRAC_1_SQRT_2;
+        let above_m = self.sight.view.pose.eye.height_m - node.height_range_m().1;
+        (self.sight.viewpoint.at_least_m(bounds) - beyond_m).max(above_m)
+    }
+
+    /// Whether all objects of the subtree are below the threshold asked for at a distance, metres.
+    fn is_below(&self, node: &Node<'_>, distance_m: f64) -> bool {
+        self.sight.view.projected_px(node.dimension_m(), distance_m) < self.thresholds.asked_px
     }
 
     /// Offers each collection what it has at a node. Gives the collections to leave after the node's children, and

@@ -3,7 +3,7 @@
 use super::OutOfView;
 use crate::camera::{Frustum, View};
 use crate::forest::index::IndexForest;
-use crate::geodesy::{Ecef, GeoBounds, HorizonCone, OrientedBox, Point};
+use crate::geodesy::{Ecef, GeoBounds, HorizonCone, OrientedBox, Point, Viewpoint};
 use glam::{DVec2, DVec3};
 
 /// Cells wider than this are looked at in parts when their share of the screen is taken: a flat quad would cut too
@@ -33,6 +33,7 @@ pub struct Sight<'a> {
     pub view: &'a View,
     pub tolerance: Tolerance,
     pub eye: Point<Ecef>,
+    pub viewpoint: Viewpoint,
     pub frustum: Frustum,
     pub horizon: HorizonCone,
     half_tan: DVec2,
@@ -46,6 +47,7 @@ impl<'a> Sight<'a> {
             view,
             tolerance,
             eye: view.eye(),
+            viewpoint: Viewpoint::new(view.pose.eye),
             frustum: view.frustum(),
             horizon: HorizonCone::new(horizon_eye(view, out_of_view), -lowest_m),
             half_tan: DVec2::new(tan_y * view.aspect(), tan_y),
