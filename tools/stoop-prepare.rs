@@ -14,6 +14,10 @@ use stoop::prepare::{PrepareError, Progress, Recipe};
 use stoop::store::{LayerInfo, Manifest};
 use stoop::units::ByteSize;
 
+/// Outlines come and go by the million: a fifth of the time with the system's allocator.
+#[global_allocator]
+static ALLOCATOR: mimalloc::MiMalloc = mimalloc::MiMalloc;
+
 const EXAMPLES: &str = "\
 Examples:
   stoop-prepare tests/recipes/dive-city20k.toml --out dive.world

@@ -134,13 +134,14 @@ impl<'t, 'a> Tree<'t, 'a> {
     fn simpler(&self, node: &Node<'_>) -> Result<Ladder, PrepareError> {
         let mut ladder = Ladder::new();
         let mut triangles = triangles(&node.own);
+        let plane = Plane::along_walls(node.own.iter().map(|object| object.plain()));
         for power in 0..SIMPLER_POWERS {
             let rep = 1 + ladder.len() as u8;
             if rep == FIRST_GROUPS || triangles < COARSER_TRIANGLES_MIN {
                 break;
             }
             let error_m = ERROR_FIRST_M * f64::from(1u32 << power);
-            let prisms = simpler(&node.own, error_m);
+            let prisms = simpler(&node.own, &plane, error_m);
             let left = triangles_of(&prisms);
             if left as f64 <= triangles as f64 * SAVED_MIN && left > 0 {
                 triangles = left;
@@ -234,7 +235,9 @@ impl<'t, 'a> Tree<'t, 'a> {
         if node.root.level() < GROUPS_LEVEL_MIN || error_m >= node.dimension_m {
             return Ok(Making::Nothing);
         }
-        let group = group(&of.parts, &of.plane, error_m, self.ground);
+        let Some(group) = group(&of.parts, &of.plane, error_m, self.ground, limit) else {
+            return Ok(Making::TooMany);
+        };
         if group.prisms.is_empty() {
             return Ok(Making::Nothing);
         }

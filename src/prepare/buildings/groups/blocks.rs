@@ -21,6 +21,11 @@ pub struct Block {
 }
 
 impl Block {
+    /// Of roof and walls.
+    pub fn drawn_triangles(&self) -> usize {
+        self.triangles.len() + 2 * self.rings.iter().map(Vec::len).sum::<usize>()
+    }
+
     /// Largest side of its box along the axes of the plane, metres.
     fn dimension_m(&self) -> f64 {
         let [low, high] = self.bounds();

@@ -78,12 +78,31 @@ impl Column {
     }
 }
 
-/// Steps to the squares around one, itself first, then ring by ring.
-fn around() -> impl Iterator<Item = (i32, i32)> {
-    (0..=AROUND).flat_map(|ring: i32| {
-        let all = (-ring..=ring).flat_map(move |y| (-ring..=ring).map(move |x| (x, y)));
-        all.filter(move |(x, y)| x.abs().max(y.abs()) == ring)
-    })
+/// Squares around one, itself among them.
+const SQUARES_AROUND: usize = ((2 * AROUND + 1) * (2 * AROUND + 1)) as usize;
+/// Steps to them, the nearest first.
+const STEPS_AROUND: [[i32; 2]; SQUARES_AROUND] = steps_around();
+
+const fn steps_around() -> [[i32; 2]; SQUARES_AROUND] {
+    let mut steps = [[0; 2]; SQUARES_AROUND];
+    let (mut count, mut far) = (0, 0);
+    // By the square of their length.
+    while far <= 2 * AROUND * AROUND {
+        let mut y = -AROUND;
+        while y <= AROUND {
+            let mut x = -AROUND;
+            while x <= AROUND {
+                if x * x + y * y == far {
+                    steps[count] = [x, y];
+                    count += 1;
+                }
+                x += 1;
+            }
+            y += 1;
+        }
+        far += 1;
+    }
+    steps
 }
 
 pub type TileKey = [i32; 2];
@@ -175,9 +194,10 @@ impl Columns {
     }
 
     /// How far an object's roof may be from the nearest block, metres: the farthest of its lattice points, blocks
-    /// farther than some squares away left out. Infinite where there are none, and no less than `enough_m` matters.
+    /// farther than some squares away left out. Infinite where there are none, and no less than `enough_m` matters; nor
+    /// does anything below a square's side, as blocks may be as far from roofs (see `reverse_m`).
     pub fn distance_m(&self, prism: &Prism, shape: &Shape, runs: &[Run], enough_m: f64) -> f64 {
-        let mut worst_m: f64 = 0.0;
+        let mut worst_m = self.side_m;
         let mut last: Last = None;
         for (square, from, to, row) in
             runs.iter().flat_map(|run| run.by_square().map(|(square, from, to)| (square, from, to, run.row)))
@@ -209,11 +229,10 @@ impl Columns {
         let square = point.map(|at| (at / f64::from(SAMPLES)).floor() as i32);
         let step_m = self.step_m();
         let mut nearest_m2 = f64::INFINITY;
-        for (x, y) in around() {
-            // All of a ring and beyond is at least this far.
-            let ring_m = f64::from((x.abs().max(y.abs()) - 1).max(0)) * self.side_m;
-            if nearest_m2 <= ring_m.powi(2) {
-                break;
+        for [x, y] in STEPS_AROUND {
+            let apart_m = |steps: i32| f64::from((steps.abs() - 1).max(0)) * self.side_m;
+            if nearest_m2 <= apart_m(x).powi(2) + apart_m(y).powi(2) {
+                continue;
             }
             let other = [square[0] + x, square[1] + y];
             let Some(column) = self.get(other, last).filter(|column| !column.block_top_m.is_nan()) else { continue };

@@ -20,6 +20,7 @@ pub use plane::Plane;
 use rayon::prelude::*;
 use rustc_hash::FxHashSet;
 use std::collections::BTreeMap;
+use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// Of the error aimed at: the squares' sides, how far a block's roof may be off those of its squares, its outline off
 /// their sides, and the outlines of landmarks off what they are.
@@ -46,23 +47,37 @@ pub fn plane(parts: &[Part]) -> Plane {
     Plane::along_walls(parts.iter().flat_map(|(_, objects)| objects.iter().map(|object| object.plain())))
 }
 
-/// Makes groups of objects that the parts of a page stand for.
-pub fn group(parts: &[Part], plane: &Plane, error_m: f64, ground: &Ground) -> Group {
-    let made: Vec<Group> =
-        parts.par_iter().map(|(cell, objects)| part(*cell, objects, error_m, plane, ground)).collect();
-    made.into_iter().fold(Group::default(), |mut all, part| {
+/// Makes groups of objects that the parts of a page stand for; `None` where blocks alone, before any landmark, take more
+/// than `triangles_max`.
+pub fn group(parts: &[Part], plane: &Plane, error_m: f64, ground: &Ground, triangles_max: usize) -> Option<Group> {
+    let left = TrianglesLeft(AtomicUsize::new(triangles_max));
+    // In whatever order parts come: one of them finds too few left where all together take more.
+    let made: Option<Vec<Group>> =
+        parts.par_iter().map(|(cell, objects)| part(*cell, objects, error_m, plane, ground, &left)).collect();
+    Some(made?.into_iter().fold(Group::default(), |mut all, part| {
         all.prisms.extend(part.prisms);
         all.error_m = all.error_m.max(part.error_m);
         all
-    })
+    }))
+}
+
+/// What the parts of a page share.
+struct TrianglesLeft(AtomicUsize);
+
+impl TrianglesLeft {
+    /// `None` where there are fewer left, now or later.
+    fn take(&self, triangles: usize) -> Option<()> {
+        let less = |left: usize| Some(left.saturating_sub(triangles));
+        let before = self.0.fetch_update(Ordering::Relaxed, Ordering::Relaxed, less);
+        before.is_ok_and(|left| left >= triangles).then_some(())
+    }
 }
 
 /// Objects with simpler outlines, no corner left out farther than `error_m` from what is left; those that are smaller
 /// are left out.
-pub fn simpler(objects: &[&Placed], error_m: f64) -> Vec<Prism> {
-    let plane = Plane::along_walls(objects.iter().map(|object| object.plain()));
+pub fn simpler(objects: &[&Placed], plane: &Plane, error_m: f64) -> Vec<Prism> {
     let large = objects.par_iter().filter(|object| object.dimension_m() >= error_m);
-    large.map(|object| simpler_one(object, &plane, error_m)).collect()
+    large.map(|object| simpler_one(object, plane, error_m)).collect()
 }
 
 /// The detail stays where the object without it is off by more than half of the error: the outline takes the rest.
@@ -111,10 +126,14 @@ impl<'a> Member<'a> {
         self.shape.tiles_about(side_m).any(|key| tiles.contains(&key))
     }
 
-    /// How far the blocks that stand for it are off; 0 for landmarks, which stand for themselves.
+    /// How far the blocks that stand for it are off; 0 for landmarks, which stand for themselves. What is no larger than
+    /// blocks may be off anyway is taken to vanish.
     fn measure_m(&self, columns: &Columns, outline_m: f64) -> f64 {
         if self.landmark {
             return 0.0;
+        }
+        if self.dimension_m <= columns.side_m + outline_m {
+            return self.dimension_m;
         }
         let off_m = columns.distance_m(self.placed.plain(), &self.shape, &self.runs, self.dimension_m) + outline_m;
         off_m.min(self.dimension_m)
@@ -140,15 +159,18 @@ impl<'a> Making<'a> {
             making.columns.add(number as u32, member.placed.plain(), &member.runs, &|_| true);
         }
         blocks(&mut making.columns, allowed, &|_| true, &mut making.made);
-        for member in &mut making.members {
-            member.error_m = member.measure_m(&making.columns, allowed.outline_m);
-        }
-        making.find_landmarks(error_m);
         making
+    }
+
+    fn block_triangles(&self) -> usize {
+        self.made.values().flatten().map(Block::drawn_triangles).sum()
     }
 
     /// Makes landmarks of what is off by more than the error, and the tiles where they were anew, again and again.
     fn find_landmarks(&mut self, error_m: f64) {
+        for member in &mut self.members {
+            member.error_m = member.measure_m(&self.columns, self.allowed.outline_m);
+        }
         for _ in 1..ROUNDS {
             let mut changed: FxHashSet<TileKey> = FxHashSet::default();
             for member in self.members.iter_mut().filter(|member| member.error_m > error_m) {
@@ -179,8 +201,18 @@ impl<'a> Making<'a> {
     }
 }
 
-fn part(cell: CellId, objects: &[&Placed], error_m: f64, plane: &Plane, ground: &Ground) -> Group {
-    let Making { members, columns, made, allowed } = Making::new(objects, error_m, plane);
+fn part(
+    cell: CellId,
+    objects: &[&Placed],
+    error_m: f64,
+    plane: &Plane,
+    ground: &Ground,
+    left: &TrianglesLeft,
+) -> Option<Group> {
+    let mut making = Making::new(objects, error_m, plane);
+    left.take(making.block_triangles())?;
+    making.find_landmarks(error_m);
+    let Making { members, columns, made, allowed } = making;
     let landmark_m = error_m * LANDMARK_PER_ERROR;
     let landmarks = members
         .iter()
@@ -193,7 +225,7 @@ fn part(cell: CellId, objects: &[&Placed], error_m: f64, plane: &Plane, ground: 
     let least_m = columns.reverse_m(allowed.outline_m).max(if has_landmarks { landmark_m } else { 0.0 });
     // All this is measured against the objects without their details.
     let plain_m = members.iter().map(|member| member.placed.plain_error_m()).fold(0.0, f64::max);
-    Group { prisms, error_m: members.iter().map(|member| member.error_m).fold(least_m, f64::max) + plain_m }
+    Some(Group { prisms, error_m: members.iter().map(|member| member.error_m).fold(least_m, f64::max) + plain_m })
 }
 
 impl Block {

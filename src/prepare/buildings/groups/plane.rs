@@ -32,13 +32,16 @@ impl Plane {
     fn wall_turn_rad<'p>(&self, prisms: impl Iterator<Item = &'p Prism>) -> f64 {
         let mut sum = [0.0; 2];
         for ring in prisms.flat_map(|prism| &prism.rings) {
-            for (a, b) in ring.iter().zip(ring.iter().cycle().skip(1)) {
-                let (a, b) = (self.to(*a), self.to(*b));
-                let (x, y) = (b[0] - a[0], b[1] - a[1]);
+            let Some(last) = ring.last() else { continue };
+            let mut from = self.to(*last);
+            for corner in ring {
+                let to = self.to(*corner);
+                let (x, y) = (to[0] - from[0], to[1] - from[1]);
+                from = to;
                 // The fourth power of x + iy has four times its angle; over its length cubed it has its length.
                 let (square, twice) = (x * x - y * y, 2.0 * x * y);
-                let length = (x * x + y * y).sqrt().max(f64::MIN_POSITIVE);
-                let scale = length.powi(-3);
+                let length = (x * x + y * y).sqrt();
+                let scale = 1.0 / (length * length * length);
                 if scale.is_finite() {
                     sum[0] += (square * square - twice * twice) * scale;
                     sum[1] += 2.0 * square * twice * scale;
