@@ -8,10 +8,10 @@ use glam::{DMat3, DVec3};
 
 /// What old frames weigh after each new one: about 60 frames count.
 const FORGET: f64 = 0.984;
-/// Triangles and draw calls are counted in these, so that all coefficients are of about one size.
+/// Triangles and runs of objects are counted in these, so that all coefficients are of about one size.
 const TRIANGLES_UNIT: f64 = 10_000.0;
-const CALLS_UNIT: f64 = 100.0;
-/// What is believed before any frame, milliseconds: of a frame, of each 10,000 triangles, of each 100 draw calls.
+const RUNS_UNIT: f64 = 100.0;
+/// What is believed before any frame, milliseconds: of a frame, of each 10,000 triangles, of each 100 runs.
 const PRIOR_MS: DVec3 = DVec3::new(2.0, 1.0, 0.3);
 /// Its weight, in frames.
 const PRIOR_WEIGHT: f64 = 0.5;
@@ -28,22 +28,22 @@ const FIXED_SHARE: f64 = 1.25;
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Load {
     pub triangles: u64,
-    pub draw_calls: u64,
+    pub runs: u64,
 }
 
 impl Load {
     fn features(self) -> DVec3 {
-        DVec3::new(1.0, self.triangles as f64 / TRIANGLES_UNIT, self.draw_calls as f64 / CALLS_UNIT)
+        DVec3::new(1.0, self.triangles as f64 / TRIANGLES_UNIT, self.runs as f64 / RUNS_UNIT)
     }
 
     /// What drawing a selection will take, as far as it can be told.
     pub fn of(selection: &Selection) -> Self {
         let ranges: usize = selection.objects.iter().map(|drawn| drawn.objects.len()).sum();
-        Self { triangles: selection.stats.triangles, draw_calls: (selection.pieces.len() + ranges) as u64 }
+        Self { triangles: selection.stats.triangles, runs: (selection.pieces.len() + ranges) as u64 }
     }
 }
 
-/// cost = a + b · triangles + c · draw calls, by least squares over the last frames.
+/// cost = a + b · triangles + c · runs, by least squares over the last frames.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct CostModel {
     /// Weighted sums of features × features and of features × cost.
@@ -123,16 +123,16 @@ mod tests {
     /// What drawing costs on some machine, with noise from −1 to 1 that follows from the frame's number.
     fn truth_ms(load: Load, frame: u64) -> f64 {
         let noise = (frame.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 40) as f64 / (1u64 << 23) as f64 - 1.0;
-        (4.0 + load.triangles as f64 / 5_000.0 + load.draw_calls as f64 / 50.0) * (1.0 + 0.1 * noise)
+        (4.0 + load.triangles as f64 / 5_000.0 + load.runs as f64 / 50.0) * (1.0 + 0.1 * noise)
     }
 
     #[test]
     fn learns_what_frames_cost() {
         let mut model = CostModel::default();
-        let load = |frame: u64| Load { triangles: 20_000 + frame * 7_919 % 90_000, draw_calls: 40 + frame * 31 % 400 };
+        let load = |frame: u64| Load { triangles: 20_000 + frame * 7_919 % 90_000, runs: 40 + frame * 31 % 400 };
         (0..300).for_each(|frame| model.learn(load(frame), truth_ms(load(frame), frame)));
-        for at in [Load { triangles: 10_000, draw_calls: 50 }, Load { triangles: 100_000, draw_calls: 500 }] {
-            let expected_ms = 4.0 + at.triangles as f64 / 5_000.0 + at.draw_calls as f64 / 50.0;
+        for at in [Load { triangles: 10_000, runs: 50 }, Load { triangles: 100_000, runs: 500 }] {
+            let expected_ms = 4.0 + at.triangles as f64 / 5_000.0 + at.runs as f64 / 50.0;
             assert!((model.predict_ms(at) / expected_ms - 1.0).abs() < 0.1, "{model:?}");
         }
     }
@@ -141,10 +141,10 @@ mod tests {
     fn coefficients_are_never_negative_and_a_hitch_hardly_counts() {
         let mut model = CostModel::default();
         // More triangles go with less time: another load made the others slow.
-        (0..100u64).for_each(|at| model.learn(Load { triangles: 1000 * at, draw_calls: at }, 200.0 - at as f64));
+        (0..100u64).for_each(|at| model.learn(Load { triangles: 1000 * at, runs: at }, 200.0 - at as f64));
         assert!(model.coefficients_ms.min_element() >= 0.0, "{model:?}");
         let mut model = CostModel::default();
-        let load = Load { triangles: 50_000, draw_calls: 200 };
+        let load = Load { triangles: 50_000, runs: 200 };
         (0..100).for_each(|frame| model.learn(load, truth_ms(load, frame)));
         let before_ms = model.predict_ms(load);
         model.learn(load, 5_000.0);

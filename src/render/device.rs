@@ -29,6 +29,11 @@ pub enum RenderError {
     Size(u32, u32, u32),
 }
 
+/// What is drawn indirectly is written by this module alone: nothing needs to look at it again in each frame.
+pub(super) fn instance_flags() -> wgpu::InstanceFlags {
+    wgpu::InstanceFlags::default() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL
+}
+
 /// Device and queue, and the first error that was not tied to a call.
 #[derive(Clone, Debug)]
 pub(super) struct Gpu {
@@ -41,9 +46,15 @@ pub(super) struct Gpu {
     lost: Arc<OnceLock<String>>,
 }
 
+/// What is used where it is there: times on the GPU, runs of many objects in one call.
+const FEATURES: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::INDIRECT_FIRST_INSTANCE);
+
 impl Gpu {
     pub fn headless() -> Result<Self, RenderError> {
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_without_display_handle());
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            flags: instance_flags(),
+            ..wgpu::InstanceDescriptor::new_without_display_handle()
+        });
         let options = wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
             ..Default::default()
@@ -58,8 +69,7 @@ impl Gpu {
         let info = adapter.get_info();
         let descriptor = wgpu::DeviceDescriptor {
             label: Some("stoop"),
-            // Times on the GPU are told where they can be.
-            required_features: adapter.features() & wgpu::Features::TIMESTAMP_QUERY,
+            required_features: adapter.features() & FEATURES,
             required_limits: wgpu::Limits { max_texture_array_layers: 256, ..Default::default() },
             // Small blocks: what is allocated should not outgrow what the arenas account for.
             memory_hints: wgpu::MemoryHints::MemoryUsage,

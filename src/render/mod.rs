@@ -26,6 +26,7 @@ mod pass;
 mod present;
 mod read_back;
 mod renderer;
+mod runs;
 #[cfg(feature = "window")]
 mod screen;
 mod sky;

@@ -8,6 +8,7 @@ use super::layout::OBJECTS_WGSL;
 use super::meshes::packed_indices;
 use super::pass::{Entries, PassShape, Pipelines, storage_layout};
 use super::renderer::ArenaFull;
+use super::runs::RunCalls;
 use crate::camera::View;
 use crate::content::{Object, ObjectMesh, ObjectPage, ObjectVertex, Page, PageId};
 use crate::geodesy::{Ecef, Point};
@@ -62,7 +63,8 @@ struct ResidentPage {
 #[derive(Debug)]
 pub(super) struct ObjectsItem {
     page: PageId,
-    ranges: Vec<Range<u32>>,
+    /// Of its indices.
+    runs: Vec<Range<u32>>,
     place: ObjectsPlace,
     is_fading: bool,
 }
@@ -95,6 +97,7 @@ pub(super) struct ObjectsPass {
     pipelines: Pipelines,
     atlases: Atlases,
     places: FrameStorage,
+    calls: RunCalls,
     page_layout: wgpu::BindGroupLayout,
     limit_bytes: u64,
     bytes: u64,
@@ -115,6 +118,7 @@ impl ObjectsPass {
             pipelines: Pipelines::new(gpu, shape, &[frame, &place_layout, &page_layout]),
             atlases: Atlases::new(gpu, [frame, &place_layout, &page_layout]),
             places: FrameStorage::new(gpu, "places", &place_layout),
+            calls: RunCalls::new(gpu),
             page_layout,
             limit_bytes,
             bytes: 0,
@@ -203,8 +207,8 @@ impl ObjectsPass {
         let mut items = Vec::with_capacity(steady.len() + fading.len());
         let fading = fading.iter().map(|fading| (&fading.draw, fading.signed(), true));
         for (objects, fade, is_fading) in steady.iter().map(|draw| (draw, 0.0, false)).chain(fading) {
-            let ranges = index_ranges(objects);
-            if ranges.is_empty() {
+            let runs = index_runs(objects);
+            if runs.is_empty() {
                 continue;
             }
             let page = page_id(&objects.page);
@@ -212,16 +216,17 @@ impl ObjectsPass {
                 count.missing += 1;
                 continue;
             };
-            count.triangles += ranges.iter().map(|range| u64::from(range.end - range.start) / 3).sum::<u64>();
+            count.triangles += runs.iter().map(|run| u64::from(run.end - run.start) / 3).sum::<u64>();
             let offset = eye_relative(resident.origin, view);
             let place = ObjectsPlace { offset: offset.to_array(), fade };
-            items.push((offset.length_squared(), ObjectsItem { page, ranges, place, is_fading }));
+            items.push((offset.length_squared(), ObjectsItem { page, runs, place, is_fading }));
         }
         // What fades has a pipeline of its own, behind that of all else.
         items.sort_by(|(a, of_a), (b, of_b)| of_a.is_fading.cmp(&of_b.is_fading).then(a.total_cmp(b)));
         let items: Vec<_> = items.into_iter().map(|(_, item)| item).collect();
         let places: Vec<_> = items.iter().map(|item| item.place).collect();
         self.places.write(gpu, bytemuck::cast_slice(&places));
+        self.calls.write(gpu, items.iter().map(|item| item.runs.as_slice()));
         (items, count)
     }
 
@@ -230,7 +235,10 @@ impl ObjectsPass {
         pass.set_pipeline(self.pipelines.get(gpu, aov));
         pass.set_bind_group(1, self.places.group(), &[]);
         let (mut calls, mut set) = (0, (false, false));
+        let mut runs = 0;
         for (instance, item) in (0..).zip(items) {
+            let before = runs;
+            runs += item.runs.len();
             let Some(resident) = self.pages.get(&item.page) else { continue };
             let wanted = (resident.textures.is_some(), item.is_fading && !aov);
             if wanted != set {
@@ -245,10 +253,7 @@ impl ObjectsPass {
             pass.set_bind_group(2, &resident.group, &[]);
             pass.set_vertex_buffer(0, resident.vertices.slice(..));
             pass.set_index_buffer(resident.indices.slice(..), resident.format);
-            for range in &item.ranges {
-                pass.draw_indexed(range.clone(), 0, instance..instance + 1);
-                calls += 1;
-            }
+            calls += self.calls.draw(pass, &item.runs, instance, before);
         }
         calls
     }
@@ -290,18 +295,18 @@ fn record(page: &ObjectPage, object: &Object, at: u32, wall_color: [u8; 3], roof
     }
 }
 
-/// The indices to draw, with ranges that touch made one.
-fn index_ranges(draw: &DrawObjects) -> Vec<Range<u32>> {
-    let mut ranges: Vec<Range<u32>> = Vec::new();
+/// The indices to draw, with runs that touch made one.
+fn index_runs(draw: &DrawObjects) -> Vec<Range<u32>> {
+    let mut runs: Vec<Range<u32>> = Vec::new();
     for objects in &draw.objects {
         let next = draw.page.indices_of(objects.clone());
-        match ranges.last_mut() {
+        match runs.last_mut() {
             _ if next.is_empty() => {}
             Some(last) if last.end == next.start => last.end = next.end,
-            _ => ranges.push(next),
+            _ => runs.push(next),
         }
     }
-    ranges
+    runs
 }
 
 /// Bytes that a page takes on the GPU, whatever its kind; terrain takes none until it is drawn.

@@ -1,6 +1,6 @@
 //! What a window shows: a surface that follows the window's size and is made anew when it is lost.
 
-use super::device::{Gpu, RenderError};
+use super::device::{Gpu, RenderError, instance_flags};
 use std::fmt;
 use std::sync::Arc;
 use wgpu::rwh::{DisplayHandle, HandleError, HasDisplayHandle};
@@ -67,7 +67,10 @@ impl WindowSurface {
     /// A surface of a window, and a device that can draw into it.
     pub fn open(window: Arc<dyn wgpu::DisplayAndWindowHandle>, size_px: [u32; 2]) -> Result<(Self, Gpu), RenderError> {
         let target = Target(window);
-        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor::new_with_display_handle(Box::new(target.clone())));
+        let instance = wgpu::Instance::new(wgpu::InstanceDescriptor {
+            flags: instance_flags(),
+            ..wgpu::InstanceDescriptor::new_with_display_handle(Box::new(target.clone()))
+        });
         let surface = create(&instance, &target)?;
         let options = wgpu::RequestAdapterOptions {
             power_preference: wgpu::PowerPreference::HighPerformance,
