@@ -14,7 +14,7 @@ use scene::{AOV, renderer, view};
 use serde_json::{Value, json};
 use std::path::Path;
 use std::sync::Arc;
-use stoop::content::{Atlas, DetailCorner, Page, Prism};
+use stoop::content::{Atlas, AtlasFormat, DetailCorner, Page, Prism};
 use stoop::geodesy::{Geodetic, VerticalDatum};
 use stoop::prepare::buildings::{Gathered, Ground, gather};
 use stoop::prepare::textures::{ATLAS_BYTES_MAX, Baked, Picture, bake};
@@ -181,13 +181,29 @@ fn pixel(rgba: &[u8], width: u32, x: f64, y: f64) -> [f64; 3] {
 
 #[test]
 fn every_side_shows_its_tile_upright_and_not_mirrored() {
+    let plain = shows_its_tiles(AtlasFormat::Rgba8).unwrap();
+    for (format, times_smaller) in [(AtlasFormat::Bc7, 4), (AtlasFormat::Etc2, 8)] {
+        match shows_its_tiles(format) {
+            Some(bytes) => assert!(bytes * times_smaller < plain * 11 / 10, "{format:?}: {bytes} of {plain}"),
+            None => println!("skipped: this adapter does not read {format:?}"),
+        }
+    }
+}
+
+/// The bytes of the atlas; `None` where the adapter cannot read it.
+fn shows_its_tiles(format: AtlasFormat) -> Option<usize> {
     const SIZE_PX: u32 = 200;
-    let (page, mesh) = decode_objects(&stored(&block()).0).unwrap();
+    let (page, mut mesh) = decode_objects(&stored(&block()).0).unwrap();
+    mesh.compress_atlas(format);
     let (atlas, uvs) = mesh.textures().unwrap();
     assert_eq!((uvs.len(), atlas.mips().len()), (mesh.vertices.len(), 4));
+    let atlas_bytes = atlas.byte_len();
     let (lat, lon) = (page.objects[0].lat_rad.to_degrees(), page.objects[0].lon_rad.to_degrees());
     let page = Arc::new(page);
     let mut renderer = renderer();
+    if !renderer.can_read(format) {
+        return None;
+    }
     let whole = Page::Objects(page.clone(), Arc::new(mesh));
     let bytes = renderer.upload(&whole).unwrap();
     assert_eq!((bytes, renderer.allocated_bytes()), (stoop::render::Renderer::gpu_bytes(&whole), bytes));
@@ -221,6 +237,7 @@ fn every_side_shows_its_tile_upright_and_not_mirrored() {
     }
     renderer.remove(whole.id());
     assert_eq!(renderer.allocated_bytes(), 0);
+    Some(atlas_bytes)
 }
 
 #[test]

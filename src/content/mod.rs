@@ -11,7 +11,9 @@ pub mod rtin;
 mod surface;
 mod terrain;
 
-pub use atlas::{ATLAS_ALIGN_PX, ATLAS_GUTTER_PX, ATLAS_MIPS, ATLAS_SIDE_MAX, ATLAS_TEXELS_MAX, Atlas, NO_TEXTURE};
+pub use atlas::{
+    ATLAS_ALIGN_PX, ATLAS_GUTTER_PX, ATLAS_MIPS, ATLAS_SIDE_MAX, ATLAS_TEXELS_MAX, Atlas, AtlasFormat, NO_TEXTURE,
+};
 pub use detail::{Detail, DetailCorner, FaceGroup, FaceKind};
 pub use footprints::{Ball, Footprints};
 pub use imagery::{

@@ -1,7 +1,7 @@
 //! Objects of one collection in a subtree of small cells: prisms over footprints, with walls and
 //! flat roofs, or with details in place of those.
 
-use super::atlas::{Atlas, NO_TEXTURE};
+use super::atlas::{Atlas, AtlasFormat, NO_TEXTURE};
 use super::detail::Looks;
 use super::footprints::Footprints;
 use super::prism::Prism;
@@ -98,6 +98,11 @@ impl ObjectMesh {
     pub fn textures(&self) -> Option<(&Atlas, &[[u16; 2]])> {
         let atlas = self.atlas.as_ref()?;
         (!self.uvs.is_empty() && self.uvs.len() == self.vertices.len()).then_some((atlas, &*self.uvs))
+    }
+
+    /// Lays the atlas out for the GPU.
+    pub fn compress_atlas(&mut self, format: AtlasFormat) {
+        self.atlas = self.atlas.take().map(|atlas| atlas.compressed(format));
     }
 
     /// Gives the last vertex its place in the atlas.

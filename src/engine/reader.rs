@@ -1,6 +1,6 @@
 //! What the engine flies over: an index, a description, and pages behind a reader.
 
-use crate::content::{Page, PageId};
+use crate::content::{AtlasFormat, Page, PageId};
 use crate::forest::index::{IndexForest, Place};
 use crate::paging::{PageReader, ReadError};
 use crate::store::{Manifest, StoreError, World};
@@ -31,6 +31,34 @@ impl Source {
     pub fn shared(world: &Arc<World>) -> Self {
         let (manifest, index) = (Arc::new(world.manifest().clone()), world.index().clone());
         Self { manifest, index, reader: Arc::new(WorldReader(world.clone())) }
+    }
+}
+
+impl Source {
+    /// The same with atlases as a renderer wants them.
+    pub(super) fn with_atlases(self, format: AtlasFormat) -> Self {
+        match format {
+            AtlasFormat::Rgba8 => self,
+            format => Self { reader: Arc::new(AtlasReader { inner: self.reader, format }), ..self },
+        }
+    }
+}
+
+/// Lays atlases out for the GPU, where pages are decoded.
+struct AtlasReader {
+    inner: Arc<dyn PageReader>,
+    format: AtlasFormat,
+}
+
+impl PageReader for AtlasReader {
+    fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
+        let mut loaded = self.inner.load(page, place)?;
+        if let Page::Objects(_, mesh) = &mut loaded
+            && mesh.atlas.is_some()
+        {
+            Arc::make_mut(mesh).compress_atlas(self.format);
+        }
+        Ok(loaded)
     }
 }
 

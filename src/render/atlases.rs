@@ -4,7 +4,7 @@ use super::device::Gpu;
 use super::layout::OBJECTS_WGSL;
 use super::objects::VERTICES;
 use super::pass::{Entries, PassShape, Pipelines, picture_layout};
-use crate::content::{ATLAS_MIPS, Atlas};
+use crate::content::{ATLAS_MIPS, Atlas, AtlasFormat};
 use std::sync::OnceLock;
 
 /// Location 2 in objects.wgsl: right and down in the atlas.
@@ -85,12 +85,14 @@ fn write(gpu: &Gpu, atlas: &Atlas) -> wgpu::Texture {
         mip_level_count: ATLAS_MIPS,
         sample_count: 1,
         dimension: wgpu::TextureDimension::D2,
-        format: wgpu::TextureFormat::Rgba8UnormSrgb,
+        format: gpu_format(atlas.format()),
         usage: wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_DST,
         view_formats: &[],
     });
+    let (block_px, block_bytes) = atlas.format().block();
     for (level, texels) in (0..ATLAS_MIPS).zip(atlas.mips()) {
-        let (width, height) = (width >> level, height >> level);
+        let [width, height] = [width, height].map(|side| (side >> level).next_multiple_of(block_px));
+        let (across, down) = (width / block_px, height / block_px);
         gpu.queue.write_texture(
             wgpu::TexelCopyTextureInfo {
                 texture: &texture,
@@ -99,9 +101,21 @@ fn write(gpu: &Gpu, atlas: &Atlas) -> wgpu::Texture {
                 aspect: wgpu::TextureAspect::All,
             },
             texels,
-            wgpu::TexelCopyBufferLayout { offset: 0, bytes_per_row: Some(4 * width), rows_per_image: Some(height) },
+            wgpu::TexelCopyBufferLayout {
+                offset: 0,
+                bytes_per_row: Some(block_bytes * across),
+                rows_per_image: Some(down),
+            },
             wgpu::Extent3d { width, height, depth_or_array_layers: 1 },
         );
     }
     texture
+}
+
+fn gpu_format(format: AtlasFormat) -> wgpu::TextureFormat {
+    match format {
+        AtlasFormat::Rgba8 => wgpu::TextureFormat::Rgba8UnormSrgb,
+        AtlasFormat::Bc7 => wgpu::TextureFormat::Bc7RgbaUnormSrgb,
+        AtlasFormat::Etc2 => wgpu::TextureFormat::Etc2Rgb8UnormSrgb,
+    }
 }

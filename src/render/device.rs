@@ -1,5 +1,6 @@
 //! The adapter, the device and its errors.
 
+use crate::content::AtlasFormat;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 
@@ -40,14 +41,19 @@ pub(super) struct Gpu {
     pub device: wgpu::Device,
     pub queue: wgpu::Queue,
     pub adapter_name: String,
+    /// Whether the processor draws.
+    pub is_software: bool,
     /// Of the colour pictures: sRGB, 8 bits a channel.
     pub color_format: wgpu::TextureFormat,
     failure: Arc<Mutex<Option<String>>>,
     lost: Arc<OnceLock<String>>,
 }
 
-/// What is used where it is there: times on the GPU, runs of many objects in one call.
-const FEATURES: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY.union(wgpu::Features::INDIRECT_FIRST_INSTANCE);
+/// What is used where it is there: times on the GPU, runs of many objects in one call, textures in blocks.
+const FEATURES: wgpu::Features = wgpu::Features::TIMESTAMP_QUERY
+    .union(wgpu::Features::INDIRECT_FIRST_INSTANCE)
+    .union(wgpu::Features::TEXTURE_COMPRESSION_BC)
+    .union(wgpu::Features::TEXTURE_COMPRESSION_ETC2);
 
 impl Gpu {
     pub fn headless() -> Result<Self, RenderError> {
@@ -89,7 +95,25 @@ impl Gpu {
             let _ = sink.set(if message.is_empty() { format!("{reason:?}") } else { message });
         });
         let adapter_name = format!("{} ({:?})", info.name, info.backend);
-        Ok(Self { device, queue, adapter_name, color_format, failure, lost })
+        let is_software = info.device_type == wgpu::DeviceType::Cpu;
+        Ok(Self { device, queue, adapter_name, is_software, color_format, failure, lost })
+    }
+
+    /// Whether textures of a format can be drawn from.
+    pub fn can_read(&self, format: AtlasFormat) -> bool {
+        let features = self.device.features();
+        match format {
+            AtlasFormat::Rgba8 => true,
+            AtlasFormat::Bc7 => features.contains(wgpu::Features::TEXTURE_COMPRESSION_BC),
+            AtlasFormat::Etc2 => features.contains(wgpu::Features::TEXTURE_COMPRESSION_ETC2),
+        }
+    }
+
+    /// The format that atlases should have: blocks where the GPU reads them. A processor that draws would unpack a block for
+    /// each texel.
+    pub fn atlas_format(&self) -> AtlasFormat {
+        let of_blocks = [AtlasFormat::Bc7, AtlasFormat::Etc2].into_iter().find(|&format| self.can_read(format));
+        of_blocks.filter(|_| !self.is_software).unwrap_or_default()
     }
 
     pub fn is_lost(&self) -> bool {

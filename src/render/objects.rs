@@ -166,12 +166,13 @@ impl ObjectsPass {
             ],
         });
         let vertices = bytemuck::cast_slice(&mesh.vertices);
+        let textures = mesh.textures().filter(|(atlas, _)| gpu.can_read(atlas.format()));
         ResidentPage {
             vertices: gpu.filled_buffer("object vertices", wgpu::BufferUsages::VERTEX, vertices),
             indices: gpu.filled_buffer("object indices", wgpu::BufferUsages::INDEX, &indices),
             format,
             lifts,
-            textures: mesh.textures().map(|(atlas, uvs)| self.atlases.upload(gpu, atlas, uvs)),
+            textures: textures.map(|(atlas, uvs)| self.atlases.upload(gpu, atlas, uvs)),
             group,
             origin: page.origin,
             objects: page.objects.len(),

@@ -17,7 +17,7 @@ use super::targets::Targets;
 use super::terrain::{Piece, TerrainItem, TerrainPass, texture_window};
 use super::timing::GpuTimer;
 use crate::camera::View;
-use crate::content::{ImageryPage, Page, PageId, PageKind};
+use crate::content::{AtlasFormat, ImageryPage, Page, PageId, PageKind};
 use crate::forest::CellId;
 use crate::select::{DrawObjects, DrawPiece, Selection};
 
@@ -86,6 +86,16 @@ impl Renderer {
     /// Name of the adapter and its interface, for reports.
     pub fn adapter_name(&self) -> &str {
         &self.gpu.adapter_name
+    }
+
+    /// The layout that atlases of pages should have before they are uploaded.
+    pub fn atlas_format(&self) -> AtlasFormat {
+        self.gpu.atlas_format()
+    }
+
+    /// Whether atlases of a layout can be drawn; else their pages are drawn in plain colours.
+    pub fn can_read(&self, format: AtlasFormat) -> bool {
+        self.gpu.can_read(format)
     }
 
     /// Bytes that [`Renderer::upload`] will take for a page.

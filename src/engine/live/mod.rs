@@ -123,6 +123,7 @@ impl Live {
         notify: Notify,
     ) -> Result<Self, EngineError> {
         let params = live_params(params);
+        let source = source.with_atlases(renderer.atlas_format());
         let reader = Arc::new(SwitchReader::new(source.reader.clone()));
         let source = Arc::new(Source { reader: reader.clone(), ..source });
         let mut scene = Scene::new(Source::clone(&source), params, OutOfView::Coarse)?;
@@ -187,6 +188,7 @@ impl Live {
     pub fn set_source(&mut self, source: Source) -> Result<(), EngineError> {
         Self::gpu_limits(&source, &self.params)?;
         // Before the index that tells of them: pages of the new source may be asked for at once.
+        let source = source.with_atlases(self.renderer.atlas_format());
         self.reader.set(source.reader);
         self.source = Arc::new(Source { reader: self.reader.clone(), ..source });
         self.ordered = None;
