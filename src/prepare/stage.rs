@@ -5,12 +5,15 @@
 //! It is written under a temporary name and renamed, so that a file that is there is whole. A record is a length (u32)
 //! and as many bytes.
 
-use std::fs::File;
+use std::fs::{File, TryLockError};
 use std::io::{self, BufReader, BufWriter, Read, Seek, SeekFrom, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use xxhash_rust::xxh3::Xxh3;
 
 const MAGIC: [u8; 8] = *b"stpstg01";
+/// Holds the hash of the recipe, and is locked by the run that works here.
+const MARK_FILE: &str = "recipe.hash";
 /// A record is at most this long, bytes.
 const RECORD_MAX: usize = 1 << 26;
 
@@ -27,16 +30,19 @@ fn remedy(error: &io::Error) -> &'static str {
         io::ErrorKind::StorageFull | io::ErrorKind::QuotaExceeded => {
             "free some space and run the same command again: finished stages are kept"
         }
+        io::ErrorKind::ResourceBusy => "wait for it, or name another folder by --out",
         io::ErrorKind::InvalidData => "remove it and run the same command again",
         _ => "check that the folder exists and that you may write there",
     }
 }
 
-/// The folder of one build.
+/// The folder of one build; no other run may work in it meanwhile.
 #[derive(Clone, Debug)]
 pub struct Stages {
     folder: PathBuf,
     hash: u64,
+    /// Locked. The lock goes with its process, whatever becomes of it.
+    _mark: Arc<File>,
 }
 
 impl Stages {
@@ -44,21 +50,23 @@ impl Stages {
     pub fn open(out: &Path, hash: u64) -> Result<(Self, bool), StageError> {
         let mut name = out.file_name().unwrap_or_default().to_owned();
         name.push(".partial");
-        let stages = Self { folder: out.with_file_name(name), hash };
-        let hash_file = stages.folder.join("recipe.hash");
-        let mark = format!("{hash:016x}\n");
-        let found = std::fs::read_to_string(&hash_file).ok();
-        let is_other = found.as_deref().is_some_and(|found| found != mark);
-        let fail = |cause| StageError { path: stages.folder.clone(), cause };
-        if is_other {
-            stages.remove()?;
-        } else if found.is_none() && std::fs::read_dir(&stages.folder).is_ok_and(|mut entries| entries.next().is_some())
-        {
+        let folder = out.with_file_name(name);
+        let fail = |cause| StageError { path: folder.clone(), cause };
+        let is_new = !folder.join(MARK_FILE).exists();
+        if is_new && std::fs::read_dir(&folder).is_ok_and(|mut entries| entries.next().is_some()) {
             return Err(fail(invalid("holds files that are not of this program")));
         }
-        std::fs::create_dir_all(&stages.folder).map_err(fail)?;
-        std::fs::write(&hash_file, mark).map_err(fail)?;
-        Ok((stages, is_other))
+        std::fs::create_dir_all(&folder).map_err(fail)?;
+        let mut mark = lock(&folder).map_err(fail)?;
+        let (mut found, ours) = (String::new(), format!("{hash:016x}\n"));
+        mark.read_to_string(&mut found).map_err(fail)?;
+        let is_other = found != ours;
+        if is_other {
+            remove_all_but_the_mark(&folder).map_err(fail)?;
+            mark.set_len(0).and_then(|()| mark.rewind()).map_err(fail)?;
+            mark.write_all(ours.as_bytes()).map_err(fail)?;
+        }
+        Ok((Self { folder, hash, _mark: Arc::new(mark) }, is_other && !found.is_empty()))
     }
 
     /// Removes everything.
@@ -105,6 +113,29 @@ impl Stages {
         writer.put(&self.hash.to_le_bytes())?;
         Ok(writer)
     }
+}
+
+/// Opens the file that holds the recipe's hash, and locks it.
+fn lock(folder: &Path) -> io::Result<File> {
+    let path = folder.join(MARK_FILE);
+    let file = File::options().create(true).truncate(false).read(true).write(true).open(path)?;
+    match file.try_lock() {
+        Ok(()) => Ok(file),
+        Err(TryLockError::WouldBlock) => {
+            Err(io::Error::new(io::ErrorKind::ResourceBusy, "another run is at work on this world"))
+        }
+        Err(TryLockError::Error(error)) => Err(error),
+    }
+}
+
+fn remove_all_but_the_mark(folder: &Path) -> io::Result<()> {
+    for entry in std::fs::read_dir(folder)? {
+        let entry = entry?;
+        if entry.file_name() != MARK_FILE {
+            std::fs::remove_file(entry.path())?;
+        }
+    }
+    Ok(())
 }
 
 fn invalid(what: &str) -> io::Error {
@@ -240,12 +271,17 @@ mod tests {
         writer.record(b"two").unwrap();
         assert!(stages.read("zone-03").unwrap().is_none());
         writer.finish().unwrap();
-        let mut reader = Stages::open(&out, 7).unwrap().0.read("zone-03").unwrap().unwrap();
+        let busy = Stages::open(&out, 7).unwrap_err().to_string();
+        assert!(busy.contains("another run is at work") && busy.contains("--out"), "{busy}");
+        drop(stages);
+        let (stages, _) = Stages::open(&out, 7).unwrap();
+        let mut reader = stages.read("zone-03").unwrap().unwrap();
         assert_eq!(reader.record().unwrap().as_deref(), Some(&b"one"[..]));
         let second = reader.position();
         assert_eq!(stages.records("zone-03").unwrap().read(second).unwrap(), b"two");
         assert_eq!(reader.record().unwrap().as_deref(), Some(&b"two"[..]));
         assert_eq!(reader.record().unwrap(), None);
+        drop(stages);
         let (stages, other) = Stages::open(&out, 8).unwrap();
         assert!(other && stages.read("zone-03").unwrap().is_none());
     }
