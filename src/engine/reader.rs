@@ -2,8 +2,8 @@
 
 use crate::content::{Page, PageId};
 use crate::forest::index::{IndexForest, Place};
-use crate::paging::{PageReader, ReadError};
-use crate::store::{Manifest, StoreError, World};
+use crate::paging::{OneByOne, PageReader, PageRun, RangeRead, ReadError};
+use crate::store::{Manifest, PageRange, StoreError, World};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A world as the engine sees it. The index is light to clone: its segments are shared.
@@ -41,6 +41,38 @@ impl PageReader for WorldReader {
     fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
         self.0.load(page, place).map_err(|error| sort(&error))
     }
+
+    fn read_run(&self, run: &RangeRead) -> Result<Option<Arc<dyn PageRun>>, ReadError> {
+        let places: Vec<Place> = run.pages.iter().map(|page| page.1).collect();
+        let range = PageRange {
+            zone: run.zone,
+            file: run.file,
+            place: Place { offset: run.offset, len: run.len },
+            pages: &places,
+        };
+        let bytes = self.0.read_range(&range).map_err(|error| sort(&error))?;
+        Ok(Some(Arc::new(WorldRun { world: self.0.clone(), offset: run.offset, bytes })))
+    }
+
+    fn is_remote(&self) -> bool {
+        self.0.is_remote()
+    }
+}
+
+/// The bytes of a run, from an offset on.
+struct WorldRun {
+    world: Arc<World>,
+    offset: u64,
+    bytes: Vec<u8>,
+}
+
+impl PageRun for WorldRun {
+    fn page(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
+        let start = place.offset.checked_sub(self.offset).and_then(|start| usize::try_from(start).ok());
+        let bytes = start.and_then(|start| self.bytes.get(start..)?.get(..place.len as usize));
+        // A reader gives what it was asked for; a page beside that ends too early, as its decoder says.
+        self.world.decode(page, place, bytes.unwrap_or_default()).map_err(|error| sort(&error))
+    }
 }
 
 /// Reads from a source that may be changed for another one while reads go on; each of them ends where it began.
@@ -67,6 +99,16 @@ impl PageReader for SwitchReader {
     fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
         let inner = self.lock().clone();
         inner.load(page, place)
+    }
+
+    fn read_run(&self, run: &RangeRead) -> Result<Option<Arc<dyn PageRun>>, ReadError> {
+        let inner = self.lock().clone();
+        let read = inner.read_run(run)?;
+        Ok(Some(read.unwrap_or_else(|| Arc::new(OneByOne(inner)))))
+    }
+
+    fn is_remote(&self) -> bool {
+        self.lock().is_remote()
     }
 }
 

@@ -156,7 +156,7 @@ impl Residency {
     /// Makes the world image.
     pub fn load_world_image(&mut self, source: &Source, renderer: &mut Renderer) {
         let load = load_world_image(source, renderer);
-        load.read.into_iter().for_each(|(id, place)| self.count_read(id, place));
+        load.read.into_iter().for_each(|(id, place)| self.count_read(id, place, place.len.into()));
         load.failures.into_iter().for_each(|failure| self.note(failure));
     }
 
@@ -209,9 +209,9 @@ impl Residency {
 
     /// Gives the bytes that became resident.
     fn take_in(&mut self, delivery: Delivery, now_s: f64, sink: &mut dyn PageSink) -> u64 {
-        let Delivery { page: id, place, outcome } = delivery;
-        if !matches!(outcome, Outcome::Cancelled) {
-            self.count_read(id, place);
+        let Delivery { page: id, place, outcome, read_bytes } = delivery;
+        if read_bytes > 0 {
+            self.count_read(id, place, read_bytes);
         }
         match outcome {
             Outcome::Loaded(Page::Segment(segment)) => {
@@ -298,11 +298,13 @@ impl Residency {
         bytes
     }
 
-    fn count_read(&mut self, page: PageId, place: Place) {
+    /// `read_bytes`: up to the page's end.
+    fn count_read(&mut self, page: PageId, place: Place, read_bytes: u64) {
         let (zone, file) = (page.cell.zone(), page.kind.file());
-        self.traffic.bytes_read += u64::from(place.len);
-        self.traffic.seeks += u64::from(self.last_read != Some((zone, file, place.offset)));
-        self.last_read = Some((zone, file, place.offset + u64::from(place.len)));
+        let end = place.offset + u64::from(place.len);
+        self.traffic.bytes_read += read_bytes;
+        self.traffic.seeks += u64::from(self.last_read != Some((zone, file, end.saturating_sub(read_bytes))));
+        self.last_read = Some((zone, file, end));
     }
 
     fn note(&mut self, message: String) {

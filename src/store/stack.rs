@@ -9,7 +9,7 @@ use super::ground::GroundPages;
 use super::manifest::Manifest;
 use super::merge;
 use super::objects::drawn_up;
-use super::pack::PageSource;
+use super::pack::{PageRange, PageSource};
 use super::world::World;
 use super::{PrismPage, seat};
 use crate::content::{Page, PageId, PageKind};
@@ -225,6 +225,17 @@ impl StackSource {
         StoreError::Index { file: self.index_name(zone), cause }
     }
 
+    fn read_spliced(&self, range: &PageRange<'_>) -> Result<Vec<u8>, StoreError> {
+        let mut bytes = vec![0; range.place.len as usize];
+        for &page in range.pages {
+            let own = self.read(range.zone, page)?;
+            if let Some(part) = range.part(page) {
+                bytes[part].copy_from_slice(&own);
+            }
+        }
+        Ok(bytes)
+    }
+
     fn first(&self) -> Option<&World> {
         self.0.worlds.first().map(|world| &**world)
     }
@@ -234,6 +245,22 @@ impl PageSource for StackSource {
     fn read(&self, zone: Zone, place: Place) -> Result<Vec<u8>, StoreError> {
         let (world, _, own) = self.0.locate(zone, place)?;
         world.source().read(zone, own)
+    }
+
+    /// One read, as worlds lie further apart than any range is long; of pages with places of their own one for each.
+    fn read_range(&self, range: &PageRange<'_>) -> Result<Vec<u8>, StoreError> {
+        if range.place.offset >= SPLICES_AT {
+            return self.read_spliced(range);
+        }
+        let (world, at, place) = self.0.locate(range.zone, range.place)?;
+        let start = self.0.rows[range.zone.index()].starts[at];
+        let pages: Vec<Place> =
+            range.pages.iter().map(|page| Place { offset: page.offset - start, len: page.len }).collect();
+        world.source().read_range(&PageRange { place, pages: &pages, ..*range })
+    }
+
+    fn is_remote(&self) -> bool {
+        self.0.worlds.iter().any(|world| world.is_remote())
     }
 
     fn pack_len(&self, zone: Zone) -> Result<u64, StoreError> {
