@@ -68,8 +68,8 @@ impl PageRun for Run {
         if id.kind == OBJECTS {
             drop(self.0.objects.lock().unwrap_or_else(|poisoned| poisoned.into_inner()));
         }
-        self.0.decoded.lock().unwrap().push(id.cell.x());
-        match id.cell.x() {
+        self.0.decoded.lock().unwrap().push(id.cell.xy().0);
+        match id.cell.xy().0 {
             5 => Err(ReadError::Broken("torn".into())),
             6 => panic!("a decoder gives up"),
             _ => Ok(page(id)),
@@ -102,7 +102,7 @@ fn tell(delivery: &Delivery) -> (u32, &'static str, u64) {
         Outcome::Failed(ReadError::Broken(_)) => "broken",
         Outcome::Cancelled => "cancelled",
     };
-    (delivery.page.cell.x(), outcome, delivery.read_bytes)
+    (delivery.page.cell.xy().0, outcome, delivery.read_bytes)
 }
 
 const MIXED: [PageKind; 4] = [PageKind::Terrain, PageKind::Imagery, OBJECTS, PageKind::Terrain];

@@ -1,9 +1,6 @@
 //! Pages on their way in and out: between selection, request manager, servers, live tree and GPU.
 
-use super::footprint::{
-    FLUSH_BYTES, GAP_BYTES, IN_FLIGHT_MAX, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, RUN_BYTES,
-    THREADS_PER_LAYER,
-};
+use super::footprint::{FLUSH_BYTES, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, Reading};
 use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::sink::{Handover, PageSink};
 use super::throttle::ThrottledServer;
@@ -20,7 +17,7 @@ use crate::paging::{
 };
 use crate::render::{ArenaFull, GpuLimits, Renderer};
 use crate::select::{Demand, Selection};
-use crate::storage::{Disk, Faults, ReadLimits, StorageModel};
+use crate::storage::{Disk, Faults, StorageModel};
 use std::collections::{HashMap, HashSet};
 use std::time::Instant;
 
@@ -85,17 +82,15 @@ pub struct Residency {
 }
 
 impl Residency {
-    pub fn new(params: &EngineParams, partition: Partition, source: &Source) -> Result<Self, EngineError> {
+    pub fn new(
+        params: &EngineParams,
+        reading: Reading,
+        partition: Partition,
+        source: &Source,
+    ) -> Result<Self, EngineError> {
         let read_bytes_per_update = if params.mode == Mode::LockStep { READ_BYTES_PER_FRAME } else { u64::MAX >> 2 };
-        // Of a disk of unknown kind nothing is known.
-        let unknown = ReadLimits {
-            in_flight: IN_FLIGHT_MAX,
-            bytes_in_flight: u64::MAX,
-            run_bytes: RUN_BYTES,
-            gap_bytes: GAP_BYTES,
-        };
         let held_back = params.storage.filter(|_| params.mode == Mode::Live);
-        let reads = held_back.map_or(unknown, |storage| storage.reads(LIVE_STEP_S));
+        let reads = held_back.map_or_else(|| reading.limits(LIVE_STEP_S), |storage| storage.reads(LIVE_STEP_S));
         let limits = Limits {
             footprint_bytes: partition.pool_bytes(0),
             in_flight: reads.in_flight,
@@ -106,7 +101,7 @@ impl Residency {
             gap_bytes: reads.gap_bytes,
         };
         let server: Box<dyn PageServer> = if params.mode == Mode::Live {
-            let limits = ServerLimits { threads_per_layer: THREADS_PER_LAYER, queue_len: PAGES_IN_FLIGHT_MAX };
+            let limits = ServerLimits { threads_per_layer: reading.threads_per_layer(), queue_len: PAGES_IN_FLIGHT_MAX };
             throttled(Box::new(ThreadedServers::start(&source.reader, limits)?), params)
         } else {
             Box::new(InlineServer::new(source.reader.clone()))

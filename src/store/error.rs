@@ -69,6 +69,8 @@ pub enum StoreError {
     TooLarge { file: PathBuf, offset: u64, len: usize },
     #[error("{}: {cause}; write http://HOST/FOLDER, https://HOST/FOLDER or s3://BUCKET/FOLDER", .address.display())]
     Address { address: PathBuf, cause: String },
+    #[error("{}: a world behind an address cannot be changed; change it in a folder, and put it there again", .0.display())]
+    ReadOnly(PathBuf),
     #[error("{}: no world here (the server has no world.json there); name the address of a folder that stoop-prepare wrote", .0.display())]
     NoWorldThere(PathBuf),
     #[error("{}: it is not on the server; copy all of the world there", .file.display())]
