@@ -114,8 +114,7 @@ fn a_run_is_one_read_and_each_page_costs_only_itself() {
         server.start(run(4, &MIXED));
         assert_eq!(server.in_flight(), 4);
         let (own, with_gap) = (u64::from(LEN), u64::from(LEN + GAP));
-        let expected =
-            [(4, "loaded", own), (5, "broken", with_gap), (6, "broken", with_gap), (7, "loaded", with_gap)];
+        let expected = [(4, "loaded", own), (5, "broken", with_gap), (6, "broken", with_gap), (7, "loaded", with_gap)];
         assert_eq!(drain(&mut *server), expected);
         assert_eq!(std::mem::take(&mut *told.reads.lock().unwrap()), [(4 * 1024, 4 * 1024 - GAP)]);
     }

@@ -63,12 +63,7 @@ impl Reading {
         if self.is_remote && self.mode != Mode::LockStep {
             return ReadLimits { bytes_in_flight: REMOTE_BYTES_IN_FLIGHT, ..REMOTE_MODEL.reads(step_s) };
         }
-        ReadLimits {
-            in_flight: IN_FLIGHT_MAX,
-            bytes_in_flight: u64::MAX,
-            run_bytes: RUN_BYTES,
-            gap_bytes: GAP_BYTES,
-        }
+        ReadLimits { in_flight: IN_FLIGHT_MAX, bytes_in_flight: u64::MAX, run_bytes: RUN_BYTES, gap_bytes: GAP_BYTES }
     }
 }
 

@@ -43,20 +43,38 @@ impl PageReader for WorldReader {
     }
 
     fn read_run(&self, run: &RangeRead) -> Result<Option<Arc<dyn PageRun>>, ReadError> {
-        let places: Vec<Place> = run.pages.iter().map(|page| page.1).collect();
-        let range = PageRange {
-            zone: run.zone,
-            file: run.file,
-            place: Place { offset: run.offset, len: run.len },
-            pages: &places,
-        };
-        let bytes = self.0.read_range(&range).map_err(|error| sort(&error))?;
-        Ok(Some(Arc::new(WorldRun { world: self.0.clone(), offset: run.offset, bytes })))
+        let places = places(run);
+        self.opened(run, self.0.read_range(&range(run, &places)))
+    }
+
+    fn read_runs(&self, runs: &[RangeRead]) -> Vec<Result<Option<Arc<dyn PageRun>>, ReadError>> {
+        let places: Vec<Vec<Place>> = runs.iter().map(places).collect();
+        let ranges: Vec<PageRange<'_>> = runs.iter().zip(&places).map(|(run, places)| range(run, places)).collect();
+        runs.iter().zip(self.0.read_ranges(&ranges)).map(|(run, read)| self.opened(run, read)).collect()
     }
 
     fn is_remote(&self) -> bool {
         self.0.is_remote()
     }
+}
+
+impl WorldReader {
+    fn opened(
+        &self,
+        run: &RangeRead,
+        read: Result<Vec<u8>, StoreError>,
+    ) -> Result<Option<Arc<dyn PageRun>>, ReadError> {
+        let bytes = read.map_err(|error| sort(&error))?;
+        Ok(Some(Arc::new(WorldRun { world: self.0.clone(), offset: run.offset, bytes })))
+    }
+}
+
+fn places(run: &RangeRead) -> Vec<Place> {
+    run.pages.iter().map(|page| page.1).collect()
+}
+
+fn range<'a>(run: &RangeRead, pages: &'a [Place]) -> PageRange<'a> {
+    PageRange { zone: run.zone, file: run.file, place: Place { offset: run.offset, len: run.len }, pages }
 }
 
 /// The bytes of a run, from an offset on.
@@ -105,6 +123,12 @@ impl PageReader for SwitchReader {
         let inner = self.lock().clone();
         let read = inner.read_run(run)?;
         Ok(Some(read.unwrap_or_else(|| Arc::new(OneByOne(inner)))))
+    }
+
+    fn read_runs(&self, runs: &[RangeRead]) -> Vec<Result<Option<Arc<dyn PageRun>>, ReadError>> {
+        let inner = self.lock().clone();
+        let one_by_one = |run: Option<Arc<dyn PageRun>>| Some(run.unwrap_or_else(|| Arc::new(OneByOne(inner.clone()))));
+        inner.read_runs(runs).into_iter().map(|read| read.map(one_by_one)).collect()
     }
 
     fn is_remote(&self) -> bool {

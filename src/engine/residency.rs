@@ -101,7 +101,8 @@ impl Residency {
             gap_bytes: reads.gap_bytes,
         };
         let server: Box<dyn PageServer> = if params.mode == Mode::Live {
-            let limits = ServerLimits { threads_per_layer: reading.threads_per_layer(), queue_len: PAGES_IN_FLIGHT_MAX };
+            let limits =
+                ServerLimits { threads_per_layer: reading.threads_per_layer(), queue_len: PAGES_IN_FLIGHT_MAX };
             throttled(Box::new(ThreadedServers::start(&source.reader, limits)?), params)
         } else {
             Box::new(InlineServer::new(source.reader.clone()))

@@ -43,6 +43,11 @@ pub trait PageReader: Send + Sync {
         Ok(None)
     }
 
+    /// Several runs, at once where that is faster than one after the other; in their order.
+    fn read_runs(&self, runs: &[RangeRead]) -> Vec<Result<Option<Arc<dyn PageRun>>, ReadError>> {
+        runs.iter().map(|run| self.read_run(run)).collect()
+    }
+
     /// Whether reads go over a network: then many small ones cost more than few large ones, and several at once less.
     fn is_remote(&self) -> bool {
         false
@@ -102,37 +107,35 @@ pub trait PageServer: Send {
     fn in_flight(&self) -> usize;
 }
 
+/// Runs that an [`InlineServer`] reads together over a network: while it waits for one, others may come too.
+pub const RUNS_AT_ONCE: usize = 8;
+
 /// Reads when polled.
 pub struct InlineServer {
     reader: Arc<dyn PageReader>,
     queue: VecDeque<RangeRead>,
-    /// Of the run that was read last.
-    open: VecDeque<Part>,
-    fetched: Fetched,
+    /// Of the runs that were read last.
+    open: VecDeque<(Fetched, Part)>,
     cancelled: HashSet<PageId>,
 }
 
 impl InlineServer {
     pub fn new(reader: Arc<dyn PageReader>) -> Self {
-        Self {
-            reader,
-            queue: VecDeque::new(),
-            open: VecDeque::new(),
-            fetched: Fetched::OneByOne,
-            cancelled: HashSet::new(),
-        }
+        Self { reader, queue: VecDeque::new(), open: VecDeque::new(), cancelled: HashSet::new() }
     }
 
     fn is_queued(&self, page: PageId) -> bool {
         let mut queued = self.queue.iter().flat_map(|read| &read.pages);
-        queued.any(|known| known.0 == page) || self.open.iter().any(|part| part.page == page)
+        queued.any(|known| known.0 == page) || self.open.iter().any(|(_, part)| part.page == page)
     }
 
-    fn open_next(&mut self) -> Option<Part> {
-        let read = self.queue.pop_front()?;
+    fn open_next(&mut self) -> Option<(Fetched, Part)> {
+        let at_once = if self.reader.is_remote() { RUNS_AT_ONCE } else { 1 };
+        let reads: Vec<RangeRead> = self.queue.drain(..at_once.min(self.queue.len())).collect();
         let cancelled = &mut self.cancelled;
-        let (fetched, parts) = run::fetch(&*self.reader, read, |page| cancelled.remove(&page));
-        (self.fetched, self.open) = (fetched, parts.into());
+        for (fetched, parts) in run::fetch_all(&*self.reader, reads, |page| cancelled.remove(&page)) {
+            self.open.extend(parts.into_iter().map(|part| (fetched.clone(), part)));
+        }
         self.open.pop_front()
     }
 }
@@ -150,9 +153,9 @@ impl PageServer for InlineServer {
     }
 
     fn poll(&mut self) -> Option<Delivery> {
-        let part = self.open.pop_front().or_else(|| self.open_next())?;
+        let (fetched, part) = self.open.pop_front().or_else(|| self.open_next())?;
         let is_cancelled = self.cancelled.remove(&part.page);
-        Some(part.deliver(&*self.reader, &self.fetched, is_cancelled))
+        Some(part.deliver(&*self.reader, &fetched, is_cancelled))
     }
 
     fn poll_within(&mut self, _at_most: Duration) -> Option<Delivery> {

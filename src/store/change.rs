@@ -1,10 +1,10 @@
 //! Changes to a world that stands: all new bytes go into new files, and the manifest that names them comes last.
 
-use super::remote::Address;
 use super::additions::{self, PackFile, ZoneFiles, index_path, pack_path};
 use super::error::StoreError;
 use super::index;
 use super::manifest::{CollectionInfo, Manifest, SourceInfo};
+use super::remote::Address;
 use super::world::{MANIFEST_FILE, World};
 use super::writer::{PackWriter, write_file};
 use crate::forest::Zone;

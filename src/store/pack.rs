@@ -76,6 +76,11 @@ pub trait PageSource: Send + Sync {
         }
     }
 
+    /// Several ranges, at once where that is faster than one after the other; in their order.
+    fn read_ranges(&self, ranges: &[PageRange<'_>]) -> Vec<Result<Vec<u8>, StoreError>> {
+        ranges.iter().map(|range| self.read_range(range)).collect()
+    }
+
     /// Told before the indexes of some zones are opened: sources that are far away read ahead.
     fn before_open(&self, _zones: &[Zone]) -> Result<(), StoreError> {
         Ok(())

@@ -225,6 +225,14 @@ impl StackSource {
         StoreError::Index { file: self.index_name(zone), cause }
     }
 
+    /// The world of a range of plain places, and the range and its pages there.
+    fn own(&self, range: &PageRange<'_>) -> Result<(usize, Place, Vec<Place>), StoreError> {
+        let (_, at, place) = self.0.locate(range.zone, range.place)?;
+        let start = self.0.rows[range.zone.index()].starts[at];
+        let own = |page: &Place| Place { offset: page.offset.saturating_sub(start), len: page.len };
+        Ok((at, place, range.pages.iter().map(own).collect()))
+    }
+
     fn read_spliced(&self, range: &PageRange<'_>) -> Result<Vec<u8>, StoreError> {
         let mut bytes = vec![0; range.place.len as usize];
         for &page in range.pages {
@@ -252,11 +260,28 @@ impl PageSource for StackSource {
         if range.place.offset >= SPLICES_AT {
             return self.read_spliced(range);
         }
-        let (world, at, place) = self.0.locate(range.zone, range.place)?;
-        let start = self.0.rows[range.zone.index()].starts[at];
-        let pages: Vec<Place> =
-            range.pages.iter().map(|page| Place { offset: page.offset - start, len: page.len }).collect();
-        world.source().read_range(&PageRange { place, pages: &pages, ..*range })
+        let (at, place, pages) = self.own(range)?;
+        self.0.worlds[at].source().read_range(&PageRange { place, pages: &pages, ..*range })
+    }
+
+    /// Those of each world together.
+    fn read_ranges(&self, ranges: &[PageRange<'_>]) -> Vec<Result<Vec<u8>, StoreError>> {
+        let mut read: Vec<Option<Result<Vec<u8>, StoreError>>> = ranges.iter().map(|_| None).collect();
+        let owned: Vec<_> = ranges.iter().map(|range| self.own(range).ok()).collect();
+        for (number, world) in self.0.worlds.iter().enumerate() {
+            let (mut slots, mut its) = (Vec::new(), Vec::new());
+            for (slot, (range, own)) in ranges.iter().zip(&owned).enumerate() {
+                let is_plain = range.place.offset < SPLICES_AT;
+                if let Some((_, place, pages)) = own.as_ref().filter(|own| own.0 == number && is_plain) {
+                    slots.push(slot);
+                    its.push(PageRange { place: *place, pages, ..*range });
+                }
+            }
+            for (slot, bytes) in slots.into_iter().zip(world.source().read_ranges(&its)) {
+                read[slot] = Some(bytes);
+            }
+        }
+        ranges.iter().zip(read).map(|(range, read)| read.unwrap_or_else(|| self.read_range(range))).collect()
     }
 
     fn is_remote(&self) -> bool {

@@ -5,7 +5,7 @@
 
 use std::collections::HashMap;
 use std::fs;
-use std::io::{BufRead, BufReader, Read, Write};
+use std::io::{BufRead, BufReader, Write};
 use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
@@ -51,12 +51,14 @@ struct State {
     for_requests: Option<usize>,
     delay: Duration,
     asked: Vec<Asked>,
-    /// By path: said of files instead of what follows from their bytes.
+    /// By path: changes that are told of files whose bytes stay.
     versions: HashMap<String, u64>,
+    /// After so many more requests another folder takes the place of the one that is served.
+    moves: Option<(usize, PathBuf)>,
+    folder: PathBuf,
 }
 
 pub struct Web {
-    folder: PathBuf,
     at: SocketAddr,
     state: Arc<Mutex<State>>,
 }
@@ -65,12 +67,12 @@ impl Web {
     /// Serves until the program ends.
     pub fn serve(folder: &Path) -> Self {
         let listener = TcpListener::bind("127.0.0.1:0").unwrap();
-        let web = Self { folder: folder.to_owned(), at: listener.local_addr().unwrap(), state: Arc::default() };
-        let (folder, state) = (web.folder.clone(), web.state.clone());
+        let state = Arc::new(Mutex::new(State { folder: folder.to_owned(), ..State::default() }));
+        let web = Self { at: listener.local_addr().unwrap(), state: state.clone() };
         let serve = move || {
             for stream in listener.incoming().flatten() {
-                let (folder, state) = (folder.clone(), state.clone());
-                Builder::new().name("connection".into()).spawn(move || converse(stream, &folder, &state)).unwrap();
+                let state = state.clone();
+                Builder::new().name("connection".into()).spawn(move || converse(stream, &state)).unwrap();
             }
         };
         Builder::new().name("web".into()).spawn(serve).unwrap();
@@ -106,6 +108,11 @@ impl Web {
         *self.state.lock().unwrap().versions.entry(path.to_owned()).or_default() += 1;
     }
 
+    /// Another folder is served after so many more requests.
+    pub fn move_after(&self, requests: usize, folder: &Path) {
+        self.state.lock().unwrap().moves = Some((requests, folder.to_owned()));
+    }
+
     /// Requests since the last call.
     pub fn take_asked(&self) -> Vec<Asked> {
         std::mem::take(&mut self.state.lock().unwrap().asked)
@@ -120,12 +127,12 @@ struct Request {
 }
 
 /// Answers requests of one connection until it is closed.
-fn converse(stream: TcpStream, folder: &Path, state: &Mutex<State>) -> Option<()> {
+fn converse(stream: TcpStream, state: &Mutex<State>) -> Option<()> {
     let mut reader = BufReader::new(stream.try_clone().ok()?);
     let mut stream = stream;
     loop {
         let request = read_request(&mut reader)?;
-        let (manners, delay, version) = {
+        let (manners, delay, version, folder) = {
             let mut state = state.lock().unwrap();
             state.asked.push(Asked { path: request.path.clone(), range: request.range.clone() });
             let manners = match &mut state.for_requests {
@@ -136,12 +143,19 @@ fn converse(stream: TcpStream, folder: &Path, state: &Mutex<State>) -> Option<()
                 }
                 None => state.manners,
             };
-            (manners, state.delay, state.versions.get(&request.path).copied().unwrap_or(0))
+            match &mut state.moves {
+                Some((0, folder)) => state.folder = std::mem::take(folder),
+                Some((left, _)) => *left -= 1,
+                None => {}
+            }
+            state.moves.take_if(|moves| moves.1 == PathBuf::new());
+            let version = state.versions.get(&request.path).copied().unwrap_or(0);
+            (manners, state.delay, version, state.folder.clone())
         };
         if !delay.is_zero() {
-            drop(crossbeam_channel::after(delay).recv());
+            let _ = crossbeam_channel::after(delay).recv();
         }
-        if !answer(&mut stream, folder, &request, manners, version)? {
+        if !answer(&mut stream, &folder, &request, manners, version)? {
             return None;
         }
     }
@@ -177,12 +191,12 @@ fn answer(stream: &mut TcpStream, folder: &Path, request: &Request, manners: Man
     if let Manners::Status(status) = manners {
         return plain(stream, status);
     }
-    let Ok(mut file) = fs::File::open(folder.join(&request.path)) else { return plain(stream, 404) };
-    let len = file.metadata().ok()?.len();
+    let Ok(file) = fs::read(folder.join(&request.path)) else { return plain(stream, 404) };
+    let (len, hash) = (file.len() as u64, xxhash_rust::xxh3::xxh3_64(&file));
     let e_tag = match manners {
         Manners::NoETag => None,
-        Manners::WeakETag => Some(format!("W/\"{len}-{version}\"")),
-        _ => Some(format!("\"{len}-{version}\"")),
+        Manners::WeakETag => Some(format!("W/\"{hash:x}-{version}\"")),
+        _ => Some(format!("\"{hash:x}-{version}\"")),
     };
     let is_looked_at = !matches!(manners, Manners::NoETag | Manners::IgnoresIfMatch);
     // Weak ones never match.
@@ -196,9 +210,7 @@ fn answer(stream: &mut TcpStream, folder: &Path, request: &Request, manners: Man
         return plain(stream, 416);
     }
     let sent = sent.start..sent.end.min(len);
-    let mut bytes = vec![0; (sent.end - sent.start) as usize];
-    std::io::Seek::seek(&mut file, std::io::SeekFrom::Start(sent.start)).ok()?;
-    file.read_exact(&mut bytes).ok()?;
+    let mut bytes = file[sent.start as usize..sent.end as usize].to_vec();
     if manners == Manners::Short {
         bytes.truncate(bytes.len() / 2);
     }

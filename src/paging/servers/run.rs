@@ -29,28 +29,52 @@ pub(super) struct Part {
 pub(super) fn fetch(
     reader: &dyn PageReader,
     read: RangeRead,
-    mut is_cancelled: impl FnMut(PageId) -> bool,
+    is_cancelled: impl FnMut(PageId) -> bool,
 ) -> (Fetched, Vec<Part>) {
-    let mut parts: Vec<Part> = read
-        .pages
-        .iter()
-        .map(|&(page, place)| Part { page, place, read_bytes: 0, is_cancelled: is_cancelled(page) })
-        .collect();
-    let wanted = parts.iter().filter(|part| !part.is_cancelled).map(|part| (part.page, part.place)).collect();
-    let Some(run) = read.of_pages(wanted) else { return (Fetched::OneByOne, parts) };
-    let fetched = match guarded("reading a run", || reader.read_run(&run)) {
-        Ok(Some(pages)) => Fetched::Run(pages),
-        Ok(None) => Fetched::OneByOne,
-        Err(error) => Fetched::Failed(error),
-    };
-    let reads_gaps = !matches!(fetched, Fetched::OneByOne);
-    let mut end = run.offset;
-    for part in parts.iter_mut().filter(|part| !part.is_cancelled) {
-        let from = if reads_gaps { end.min(part.place.offset) } else { part.place.offset };
-        end = part.place.offset + u64::from(part.place.len);
-        part.read_bytes = end - from;
+    fetch_all(reader, vec![read], is_cancelled).pop().unwrap_or((Fetched::OneByOne, Vec::new()))
+}
+
+/// The same for several runs, together.
+pub(super) fn fetch_all(
+    reader: &dyn PageReader,
+    reads: Vec<RangeRead>,
+    mut is_cancelled: impl FnMut(PageId) -> bool,
+) -> Vec<(Fetched, Vec<Part>)> {
+    let (mut taken, mut runs) = (Vec::with_capacity(reads.len()), Vec::with_capacity(reads.len()));
+    for read in reads {
+        let part = |&(page, place): &_| Part { page, place, read_bytes: 0, is_cancelled: is_cancelled(page) };
+        let parts: Vec<Part> = read.pages.iter().map(part).collect();
+        let wanted = parts.iter().filter(|part| !part.is_cancelled).map(|part| (part.page, part.place)).collect();
+        let run = read.of_pages(wanted);
+        taken.push((parts, run.is_some()));
+        runs.extend(run);
     }
-    (fetched, parts)
+    let count = runs.len();
+    let read = guarded("runs", || Ok(reader.read_runs(&runs)));
+    let mut read = read.unwrap_or_else(|error| vec![Err(error); count]).into_iter();
+    let mut next = || match read.next() {
+        Some(Ok(Some(run))) => Fetched::Run(run),
+        Some(Ok(None)) | None => Fetched::OneByOne,
+        Some(Err(error)) => Fetched::Failed(error),
+    };
+    let fetched = taken.into_iter().map(|(mut parts, is_read)| {
+        let fetched = if is_read { next() } else { Fetched::OneByOne };
+        count_bytes(&fetched, &mut parts);
+        (fetched, parts)
+    });
+    fetched.collect()
+}
+
+/// What was read for each page: of a run that was read as one, gaps too.
+fn count_bytes(fetched: &Fetched, parts: &mut [Part]) {
+    let mut end = None;
+    for part in parts.iter_mut().filter(|part| !part.is_cancelled) {
+        let start = part.place.offset;
+        let from = end.filter(|_| !matches!(fetched, Fetched::OneByOne)).map_or(start, |end: u64| end.min(start));
+        let own_end = start + u64::from(part.place.len);
+        part.read_bytes = own_end - from;
+        end = Some(own_end);
+    }
 }
 
 impl Part {

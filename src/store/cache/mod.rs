@@ -53,7 +53,12 @@ impl DiskCache {
             return Err(StoreError::Cache { folder: folder.to_owned(), cause });
         }
         fs::create_dir_all(folder).map_err(fail)?;
-        let cache = Self { folder: folder.to_owned(), limit_bytes: limit.0, known: Mutex::default(), writing: Mutex::default() };
+        let cache = Self {
+            folder: folder.to_owned(),
+            limit_bytes: limit.0,
+            known: Mutex::default(),
+            writing: Mutex::default(),
+        };
         // While another process writes, what it has written is counted by it.
         match Ledger::lock(folder).map_err(fail)? {
             Some(mut ledger) => {
@@ -240,7 +245,9 @@ enum Left {
 /// Tells later processes that a file was used; where that fails it goes sooner.
 fn touch(path: &Path) {
     let now = SystemTime::now();
-    let is_old = |meta: fs::Metadata| meta.modified().is_ok_and(|used| now.duration_since(used).is_ok_and(|ago| ago > TOUCH_EVERY));
+    let is_old = |meta: fs::Metadata| {
+        meta.modified().is_ok_and(|used| now.duration_since(used).is_ok_and(|ago| ago > TOUCH_EVERY))
+    };
     if fs::metadata(path).is_ok_and(is_old) {
         drop(File::options().append(true).open(path).and_then(|file| file.set_modified(now)));
     }

@@ -91,8 +91,7 @@ mod tests {
             assert_eq!(EntryName::parse(&name.to_string()), Some(name));
         }
         let hash = "0".repeat(32);
-        for text in
-            ["", "notes.txt", "p-1-2-3.stoop", &format!("x-{hash}-0-0.stoop"), &format!("p-{hash}-+1-0.stoop")]
+        for text in ["", "notes.txt", "p-1-2-3.stoop", &format!("x-{hash}-0-0.stoop"), &format!("p-{hash}-+1-0.stoop")]
         {
             assert_eq!(EntryName::parse(text), None, "{text}");
         }

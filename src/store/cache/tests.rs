@@ -131,8 +131,7 @@ fn what_worlds_are_opened_with_goes_last_and_is_replaced() {
 #[test]
 fn several_at_once_keep_one_limit_and_whole_entries() {
     let folder = tempfile::tempdir().unwrap();
-    let caches: Vec<DiskCache> =
-        (0..3).map(|_| DiskCache::open(folder.path(), ByteSize(2 << 20)).unwrap()).collect();
+    let caches: Vec<DiskCache> = (0..3).map(|_| DiskCache::open(folder.path(), ByteSize(2 << 20)).unwrap()).collect();
     std::thread::scope(|scope| {
         for (number, cache) in caches.iter().enumerate() {
             scope.spawn(move || {

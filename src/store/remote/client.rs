@@ -71,8 +71,10 @@ pub(super) struct Client {
 
 impl Client {
     pub fn new(address: Address) -> Result<Self, StoreError> {
-        let refused =
-            |cause: String| StoreError::Address { address: address.shown().into(), cause: format!("it cannot be used: {cause}") };
+        let refused = |cause: String| StoreError::Address {
+            address: address.shown().into(),
+            cause: format!("it cannot be used: {cause}"),
+        };
         let (store, folder) = store(&address).map_err(|error| refused(error.to_string()))?;
         let runtime = Builder::new_multi_thread()
             .worker_threads(THREADS)

@@ -57,10 +57,21 @@ impl RemoteFile {
 
     /// One request for a range, which is kept.
     pub fn fetch(&self, server: Server<'_>, kind: Kind, range: Range<u64>) -> Result<Vec<u8>, StoreError> {
-        let wanted = range.end - range.start;
         let answer = server.client.get(self.request(server, range.clone()));
+        self.take_all(server, kind, range, answer)
+    }
+
+    /// Takes the answer to a request for a range, none of which may be missing.
+    pub fn take_all(
+        &self,
+        server: Server<'_>,
+        kind: Kind,
+        range: Range<u64>,
+        answer: Result<Answer, StoreError>,
+    ) -> Result<Vec<u8>, StoreError> {
         let bytes = self.take(server, kind, range.start, answer)?;
-        if (bytes.len() as u64) < wanted { Err(fault::short(&self.path(server))) } else { Ok(bytes) }
+        let is_whole = bytes.len() as u64 == range.end - range.start;
+        if is_whole { Ok(bytes) } else { Err(fault::short(&self.path(server))) }
     }
 
     pub fn request(&self, server: Server<'_>, range: Range<u64>) -> Request {

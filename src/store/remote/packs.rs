@@ -36,6 +36,14 @@ pub(in crate::store) struct RemotePacks {
     starts: Mutex<HashMap<Zone, Vec<u8>>>,
 }
 
+/// A range to be asked of a file.
+struct Wanted<'a> {
+    file: &'a RemoteFile,
+    own: Range<u64>,
+    /// Where its bytes go.
+    at: usize,
+}
+
 impl RemotePacks {
     pub(super) fn new(
         client: Arc<Client>,
@@ -101,19 +109,19 @@ impl RemotePacks {
         missing
     }
 
-    /// Reads from the first to the last of these pages into the bytes of a range.
-    fn fetch(&self, range: &PageRange<'_>, missing: &[Place], bytes: &mut [u8]) -> Result<(), StoreError> {
-        let (Some(first), Some(last)) = (missing.first(), missing.last()) else { return Ok(()) };
+    /// What is to be asked for, so that all of these pages come: from the first to the last of them.
+    fn wanted(&self, range: &PageRange<'_>, missing: &[Place]) -> Vec<Wanted<'_>> {
+        let (Some(first), Some(last)) = (missing.first(), missing.last()) else { return Vec::new() };
         let end = last.offset + u64::from(last.len);
         let span = Place { offset: first.offset, len: (end - first.offset) as u32 };
-        let Some(at) = range.part(span) else { return Ok(()) };
+        let Some(at) = range.part(span) else { return Vec::new() };
         let mut done = at.start;
-        for (file, own) in self.parts(range.zone, range.file, span) {
-            let part = file.fetch(self.server(), Kind::Pages, own)?;
-            bytes[done..done + part.len()].copy_from_slice(&part);
-            done += part.len();
-        }
-        Ok(())
+        let parts = self.parts(range.zone, range.file, span).into_iter().map(|(file, own)| {
+            let at = done;
+            done += (own.end - own.start) as usize;
+            Wanted { file, own, at }
+        });
+        parts.collect()
     }
 
     /// The first bytes of the index files of some zones: from the cache, else several at once.
@@ -202,8 +210,33 @@ impl PageSource for RemotePacks {
     fn read_range(&self, range: &PageRange<'_>) -> Result<Vec<u8>, StoreError> {
         let mut bytes = vec![0; range.place.len as usize];
         let missing = self.load(range, &mut bytes);
-        self.fetch(range, &missing, &mut bytes)?;
+        for Wanted { file, own, at } in self.wanted(range, &missing) {
+            let part = file.fetch(self.server(), Kind::Pages, own)?;
+            bytes[at..at + part.len()].copy_from_slice(&part);
+        }
         Ok(bytes)
+    }
+
+    fn read_ranges(&self, ranges: &[PageRange<'_>]) -> Vec<Result<Vec<u8>, StoreError>> {
+        let mut all: Vec<(Vec<u8>, Vec<Wanted<'_>>)> = Vec::with_capacity(ranges.len());
+        for range in ranges {
+            let mut bytes = vec![0; range.place.len as usize];
+            let missing = self.load(range, &mut bytes);
+            all.push((bytes, self.wanted(range, &missing)));
+        }
+        let wanted = all.iter().flat_map(|(_, wanted)| wanted);
+        let requests = wanted.map(|wanted| wanted.file.request(self.server(), wanted.own.clone())).collect();
+        let mut answers = self.client.get_all(requests).into_iter();
+        let finish = |(mut bytes, wanted): (Vec<u8>, Vec<Wanted<'_>>)| {
+            // All answers of a range are taken from the row, also behind one that failed.
+            let parts: Vec<_> = wanted.into_iter().zip(answers.by_ref()).collect();
+            for (Wanted { file, own, at }, answer) in parts {
+                let part = file.take_all(self.server(), Kind::Pages, own, answer)?;
+                bytes[at..at + part.len()].copy_from_slice(&part);
+            }
+            Ok(bytes)
+        };
+        all.into_iter().map(finish).collect()
     }
 
     fn before_open(&self, zones: &[Zone]) -> Result<(), StoreError> {
