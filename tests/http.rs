@@ -397,6 +397,41 @@ fn copy_folder(from: &Path, to: &Path) {
 }
 
 #[test]
+fn files_that_a_change_added_are_found_and_read_as_one_row() {
+    let copy = tempfile::tempdir().unwrap();
+    let folder = copy.path().join("one");
+    copy_folder(&worlds().join("one"), &folder);
+    let text = format!("name = \"sets\"\n{}", towns::set("near", "near.geojson"));
+    let recipe = stoop::prepare::Recipe::parse(&text, &worlds().join("into.toml")).unwrap();
+    let options = stoop::prepare::into::IntoOptions { world: folder.clone(), root: None, memory: ByteSize(64 << 20) };
+    towns::watched(&|| true, |control| stoop::prepare::into::build_into(&recipe, &options, control)).unwrap();
+    let web = Web::serve(copy.path());
+    let (near, far) = (World::open(&folder).unwrap(), World::open(&web.url("one")).unwrap());
+    assert_eq!((near.manifest().additions.generation, pages(&near)), (1, pages(&far)));
+    for (id, place) in pages(&near) {
+        assert_eq!(near.read(id, place).unwrap(), far.read(id, place).unwrap(), "{id:?}");
+    }
+    // The last page of the first pack and the first of the second, as one run: a request for each file.
+    let zone = a_page(&local()).0.cell.zone();
+    let starts = near.manifest().additions.of(zone).unwrap().packs[0].bytes;
+    let mut places: Vec<Place> =
+        pages(&near).iter().filter(|page| page.0.cell.zone() == zone).map(|page| page.1).collect();
+    places.sort_by_key(|place| place.offset);
+    let second = places.iter().position(|place| place.offset >= starts).unwrap();
+    let pair = &places[second - 1..=second];
+    let len = (pair[1].offset + u64::from(pair[1].len) - pair[0].offset) as u32;
+    let range = PageRange { zone, file: PageFile::Pack, place: Place { offset: pair[0].offset, len }, pages: pair };
+    drop(web.take_asked());
+    assert_eq!(near.read_range(&range).unwrap(), far.read_range(&range).unwrap());
+    assert_eq!(web.take_asked().len(), 2);
+    // Such a world is changed where it lies.
+    let options = stoop::prepare::into::IntoOptions { world: web.url("one"), ..options };
+    let refused = towns::watched(&|| true, |control| stoop::prepare::into::build_into(&recipe, &options, control));
+    let text = refused.unwrap_err().to_string();
+    assert!(text.contains("cannot be changed"), "{text}");
+}
+
+#[test]
 fn near_and_far_worlds_lie_over_one_another() {
     let web = Web::serve(worlds());
     let open = |names: [PathBuf; 2]| {

@@ -135,6 +135,7 @@ fn scratch_bytes(reading: Reading) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::paging::RUNS_AT_ONCE;
     use crate::storage::REQUEST_BYTES_MAX;
 
     #[test]
@@ -161,6 +162,8 @@ mod tests {
             let limits = Reading { mode, is_remote }.limits(1.0 / 60.0);
             let longest = u64::from(limits.run_bytes).min(limits.bytes_in_flight);
             assert!(longest <= REQUEST_BYTES_MAX && 2 * longest <= SCRATCH_PER_SERVER_BYTES, "{limits:?}");
+            let together = if mode == Mode::Settled { RUNS_AT_ONCE as u64 * longest } else { longest };
+            assert!(together <= SCRATCH_PER_SERVER_BYTES, "{limits:?}");
         }
     }
 }

@@ -8,7 +8,7 @@ use url::Url;
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct Address {
     url: Url,
-    /// Without name and password of a user.
+    /// For messages.
     shown: String,
 }
 
@@ -23,8 +23,14 @@ impl Address {
     }
 
     fn parse(text: &str) -> Result<Self, StoreError> {
-        let refused = |cause: String| StoreError::Address { address: text.into(), cause };
-        let mut url = Url::parse(text.trim()).map_err(|error| refused(format!("it is no address: {error}")))?;
+        let no_address =
+            |error| StoreError::Address { address: text.into(), cause: format!("it is no address: {error}") };
+        let mut url = Url::parse(text.trim()).map_err(no_address)?;
+        let shown = without_user(&url);
+        let refused = |cause: String| StoreError::Address { address: shown.clone().into(), cause };
+        if !url.username().is_empty() || url.password().is_some() {
+            return Err(refused("names and passwords of users are not sent to servers".to_owned()));
+        }
         if !SCHEMES.contains(&url.scheme()) {
             return Err(refused(format!("worlds are not read over {}", url.scheme())));
         }
@@ -36,19 +42,19 @@ impl Address {
         }
         let folder = url.path().strip_suffix(MANIFEST_FILE).unwrap_or(url.path()).trim_end_matches('/').to_owned();
         url.set_path(&folder);
-        Ok(Self { shown: without_user(&url), url })
+        let shown = url.as_str().trim_end_matches('/').to_owned();
+        Ok(Self { shown, url })
     }
 
     pub fn is_s3(&self) -> bool {
         self.url.scheme() == "s3"
     }
 
-    /// With name and password of the user, if there are any.
     pub fn url(&self) -> &Url {
         &self.url
     }
 
-    /// For messages, without name and password.
+    /// For messages.
     pub fn shown(&self) -> &str {
         &self.shown
     }
@@ -59,11 +65,12 @@ impl Address {
     }
 }
 
+/// A password is nothing to print.
 fn without_user(url: &Url) -> String {
     let mut url = url.clone();
-    // Addresses with a host take both.
+    // Addresses without a host have neither.
     let _ = (url.set_username(""), url.set_password(None));
-    url.as_str().trim_end_matches('/').to_owned()
+    url.into()
 }
 
 #[cfg(test)]
@@ -85,7 +92,6 @@ mod tests {
             ("https://host/a/world.json", "https://host/a"),
             ("HTTP://Host/", "http://host"),
             ("s3://bucket/far/away", "s3://bucket/far/away"),
-            ("http://me:secret@host/w", "http://host/w"),
         ] {
             let address = of(text).unwrap().unwrap();
             assert_eq!(address.shown(), shown);
@@ -100,11 +106,13 @@ mod tests {
             ("gs://bucket/w", "not read over gs"),
             ("http://", "no address"),
             ("s3:///w", "names no host"),
+            ("http://me:secret@host/w", "names and passwords"),
             ("http://host/w?token=1", "goes on behind"),
             ("http://host/w#part", "goes on behind"),
         ] {
             let error = of(text).unwrap().unwrap_err();
             assert!(error.contains(said) && error.contains("http://HOST"), "{text}: {error}");
+            assert!(!error.contains("secret"));
         }
     }
 }

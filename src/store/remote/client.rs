@@ -7,7 +7,7 @@ use crate::store::StoreError;
 use object_store::aws::AmazonS3Builder;
 use object_store::http::HttpBuilder;
 use object_store::path::Path as ObjectPath;
-use object_store::{BackoffConfig, ClientOptions, GetOptions, GetRange, ObjectStore, RetryConfig};
+use object_store::{BackoffConfig, ClientOptions, GetOptions, GetRange, HeaderValue, ObjectStore, RetryConfig};
 use std::ops::Range;
 use std::sync::Arc;
 use std::time::Duration;
@@ -30,6 +30,8 @@ pub const REQUEST_LIMIT: Duration = Duration::from_secs(30);
 const AT_ONCE: usize = 8;
 /// Longest file that is read whole, bytes: no manifest comes near.
 const WHOLE_BYTES_MAX: u64 = 64 << 20;
+
+const USER_AGENT: &str = concat!("stoop/", env!("CARGO_PKG_VERSION"));
 
 /// Variables by which S3 is told who asks. Without any of them requests are not signed: public buckets need none.
 const S3_CREDENTIALS: [&str; 5] = [
@@ -190,7 +192,10 @@ fn store(address: &Address) -> object_store::Result<(Arc<dyn ObjectStore>, Objec
         max_retries: RETRIES_MAX,
         retry_timeout: RETRY_UNTIL,
     };
-    let options = ClientOptions::new().with_connect_timeout(CONNECT_LIMIT).with_timeout(ATTEMPT_LIMIT);
+    let options = ClientOptions::new()
+        .with_connect_timeout(CONNECT_LIMIT)
+        .with_timeout(ATTEMPT_LIMIT)
+        .with_user_agent(HeaderValue::from_static(USER_AGENT));
     if address.is_s3() {
         return s3(address, retries, options);
     }

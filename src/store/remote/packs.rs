@@ -89,24 +89,27 @@ impl RemotePacks {
         if self.shelf.is_none() {
             return range.pages.to_vec();
         }
-        let mut missing = Vec::new();
-        for &page in range.pages {
-            let parts = self.parts(range.zone, range.file, page);
+        let mut is_there = vec![false; range.pages.len()];
+        for (file, own) in self.parts(range.zone, range.file, range.place) {
             // No page goes on in the next file.
-            let ([(file, own)], Some(at)) = (&parts[..], range.part(page)) else {
-                missing.push(page);
-                continue;
-            };
-            let mut is_there = false;
-            file.load(self.server(), &[Place { offset: own.start, len: page.len }], |_, found| {
-                bytes[at.clone()].copy_from_slice(found);
-                is_there = true;
+            let inside: Vec<(usize, Place)> = (0..)
+                .zip(range.pages)
+                .filter_map(|(number, page)| {
+                    let offset = page.offset.checked_sub(file.start)?;
+                    let fits = own.contains(&offset) && offset + u64::from(page.len) <= own.end;
+                    fits.then_some((number, Place { offset, len: page.len }))
+                })
+                .collect();
+            let places: Vec<Place> = inside.iter().map(|page| page.1).collect();
+            file.load(self.server(), &places, |at, found| {
+                let number = inside[at].0;
+                if let Some(at) = range.part(range.pages[number]) {
+                    bytes[at].copy_from_slice(found);
+                    is_there[number] = true;
+                }
             });
-            if !is_there {
-                missing.push(page);
-            }
         }
-        missing
+        range.pages.iter().zip(is_there).filter(|(_, is_there)| !is_there).map(|(page, _)| *page).collect()
     }
 
     /// What is to be asked for, so that all of these pages come: from the first to the last of them.
