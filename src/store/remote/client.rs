@@ -209,8 +209,8 @@ fn s3(
     retries: RetryConfig,
     options: ClientOptions,
 ) -> object_store::Result<(Arc<dyn ObjectStore>, ObjectPath)> {
-    let is_set = |name: &&str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    let is_anonymous = !S3_CREDENTIALS.iter().any(|name| is_set(&name));
+    let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
+    let is_anonymous = !S3_CREDENTIALS.iter().any(|name| is_set(name));
     let endpoint = S3_ENDPOINTS.iter().find(|name| is_set(name)).and_then(|name| std::env::var(name).ok());
     // A server that is named without TLS is meant to be asked without.
     let is_plain = endpoint.is_some_and(|endpoint| endpoint.starts_with("http://"));

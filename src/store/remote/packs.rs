@@ -155,7 +155,7 @@ impl RemotePacks {
     }
 
     /// A range of an index file, as far as it begins in what was read ahead.
-    fn from_start(&self, zone: Zone, place: Place) -> Option<Vec<u8>> {
+    fn part_of_start(&self, zone: Zone, place: Place) -> Option<Vec<u8>> {
         let starts = self.starts();
         let start = usize::try_from(place.offset).ok()?;
         Some(starts.get(&zone)?.get(start..start.checked_add(place.len as usize)?)?.to_vec())
@@ -245,7 +245,7 @@ impl PageSource for RemotePacks {
     fn before_open(&self, zones: &[Zone]) -> Result<(), StoreError> {
         self.read_starts(zones)?;
         for zone in zones {
-            let start = self.from_start(*zone, Place { offset: 0, len: index::HEADER_BYTES as u32 });
+            let start = self.part_of_start(*zone, Place { offset: 0, len: index::HEADER_BYTES as u32 });
             self.check_index(*zone, &start.unwrap_or_default())?;
         }
         Ok(())
@@ -289,7 +289,7 @@ impl PageSource for RemotePacks {
     }
 
     fn read_index(&self, zone: Zone, place: Place) -> Result<Vec<u8>, StoreError> {
-        if let Some(bytes) = self.from_start(zone, place) {
+        if let Some(bytes) = self.part_of_start(zone, place) {
             return Ok(bytes);
         }
         self.read_range(&PageRange { zone, file: PageFile::Index, place, pages: &[place] })
