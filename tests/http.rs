@@ -14,6 +14,7 @@ use std::time::{Duration, Instant};
 use stoop::camera::{Pose, View};
 use stoop::content::{PageFile, PageId, PageKind};
 use stoop::engine::{Engine, EngineParams, FrameReport, FrameRequest, Mode, Source};
+use stoop::forest::Zone;
 use stoop::forest::index::{IndexTree, Place};
 use stoop::geodesy::Geodetic;
 use stoop::store::{DiskCache, OpenOptions, PageRange, StoreError, World};
@@ -412,8 +413,8 @@ fn files_that_a_change_added_are_found_and_read_as_one_row() {
         assert_eq!(near.read(id, place).unwrap(), far.read(id, place).unwrap(), "{id:?}");
     }
     // The last page of the first pack and the first of the second, as one run: a request for each file.
-    let zone = a_page(&local()).0.cell.zone();
-    let starts = near.manifest().additions.of(zone).unwrap().packs[0].bytes;
+    let files = near.manifest().additions.zones.iter().find(|files| files.packs.len() == 2).unwrap();
+    let (zone, starts) = (Zone::new(files.zone).unwrap(), files.packs[0].bytes);
     let mut places: Vec<Place> =
         pages(&near).iter().filter(|page| page.0.cell.zone() == zone).map(|page| page.1).collect();
     places.sort_by_key(|place| place.offset);

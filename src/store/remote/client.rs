@@ -20,6 +20,8 @@ const LOOK_UP_THREADS_MAX: usize = 2;
 /// used up or [`RETRY_UNTIL`] has gone by.
 const CONNECT_LIMIT: Duration = Duration::from_secs(5);
 const ATTEMPT_LIMIT: Duration = Duration::from_secs(15);
+/// A server that sends nothing for so long is taken for gone.
+const SILENCE_LIMIT: Duration = Duration::from_secs(8);
 const RETRIES_MAX: usize = 3;
 const RETRY_UNTIL: Duration = Duration::from_secs(10);
 const BACKOFF_FIRST: Duration = Duration::from_millis(100);
@@ -195,6 +197,7 @@ fn store(address: &Address) -> object_store::Result<(Arc<dyn ObjectStore>, Objec
     let options = ClientOptions::new()
         .with_connect_timeout(CONNECT_LIMIT)
         .with_timeout(ATTEMPT_LIMIT)
+        .with_read_timeout(SILENCE_LIMIT)
         .with_user_agent(HeaderValue::from_static(USER_AGENT));
     if address.is_s3() {
         return s3(address, retries, options);
