@@ -603,6 +603,12 @@ fn the_programs_take_addresses_and_buckets() {
     // A bucket is a folder of the server.
     let variables = [("AWS_ENDPOINT_URL", &*web.address()), ("AWS_REGION", "eu-north-1")];
     assert_eq!(said(&stoop(&["info", "s3://one"], &variables).stdout), said(&local.stdout));
+    // Buckets of another server have nothing to do with what is kept of this one's.
+    let bucket = ["info", "s3://one", "--cache", kept.to_str().unwrap()];
+    assert_eq!(said(&stoop(&bucket, &variables).stdout), said(&local.stdout));
+    let nobody = std::net::TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    let other = stoop(&bucket, &[("AWS_ENDPOINT_URL", &*format!("http://{nobody}"))]);
+    assert!(!other.status.success() && said(&other.stderr).contains("no connection"), "{}", said(&other.stderr));
     let keys = [("AWS_ACCESS_KEY_ID", "me"), ("AWS_SECRET_ACCESS_KEY", "secret")];
     let signed = stoop(&["info", "s3://one/"], &[&variables[..], &keys[..]].concat());
     assert_eq!(said(&signed.stdout), said(&local.stdout), "{}", said(&signed.stderr));

@@ -94,6 +94,12 @@ impl Client {
         &self.address
     }
 
+    /// The address that tells a world from all others: buckets of different servers may have the same name.
+    pub fn full_address(&self) -> String {
+        let endpoint = s3_endpoint().filter(|_| self.address.is_s3());
+        endpoint.map_or_else(String::new, |endpoint| format!("{endpoint} ")) + self.address.shown()
+    }
+
     /// One request, again where it failed in a way that may pass; no longer than [`REQUEST_LIMIT`].
     pub fn get(&self, request: Request) -> Result<Answer, StoreError> {
         let Some(runtime) = &self.runtime else { return Err(self.stopped(&request)) };
@@ -207,16 +213,23 @@ fn store(address: &Address) -> object_store::Result<(Arc<dyn ObjectStore>, Objec
     Ok((Arc::new(http.with_client_options(options).with_retry(retries).build()?), ObjectPath::default()))
 }
 
+fn variable(name: &str) -> Option<String> {
+    std::env::var(name).ok().filter(|value| !value.is_empty())
+}
+
+/// The server that buckets are asked of, where it is not Amazon's.
+fn s3_endpoint() -> Option<String> {
+    S3_ENDPOINTS.iter().find_map(|name| variable(name))
+}
+
 fn s3(
     address: &Address,
     retries: RetryConfig,
     options: ClientOptions,
 ) -> object_store::Result<(Arc<dyn ObjectStore>, ObjectPath)> {
-    let is_set = |name: &str| std::env::var_os(name).is_some_and(|value| !value.is_empty());
-    let is_anonymous = !S3_CREDENTIALS.iter().any(|name| is_set(name));
-    let endpoint = S3_ENDPOINTS.iter().find(|name| is_set(name)).and_then(|name| std::env::var(name).ok());
+    let is_anonymous = !S3_CREDENTIALS.iter().any(|name| variable(name).is_some());
     // A server that is named without TLS is meant to be asked without.
-    let is_plain = endpoint.is_some_and(|endpoint| endpoint.starts_with("http://"));
+    let is_plain = s3_endpoint().is_some_and(|endpoint| endpoint.starts_with("http://"));
     let mut builder = AmazonS3Builder::from_env()
         .with_bucket_name(address.url().host_str().unwrap_or_default())
         .with_client_options(options.with_allow_http(is_plain))

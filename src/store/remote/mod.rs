@@ -53,7 +53,7 @@ impl Remote {
             Ok(Answer { bytes, pin }) => Ok(RemoteManifest { bytes, origin: Ok(pin) }),
             Err(StoreError::Missing { .. }) => Err(StoreError::NoWorldThere(address.into())),
             Err(error) if error.is_transient() => {
-                match self.cache.as_deref().and_then(|cache| shelf::manifest(cache, address)) {
+                match self.cache.as_deref().and_then(|cache| shelf::manifest(cache, &self.client.full_address())) {
                     Some(bytes) => Ok(RemoteManifest { bytes, origin: Err(error) }),
                     None => Err(error),
                 }
@@ -64,7 +64,7 @@ impl Remote {
 
     /// The files that a manifest names.
     pub fn files(&self, manifest: RemoteManifest, additions: &Additions) -> RemotePacks {
-        let shelf = self.cache.clone().map(|cache| Shelf::new(cache, self.address().shown(), &manifest.bytes));
+        let shelf = self.cache.clone().map(|cache| Shelf::new(cache, &self.client.full_address(), &manifest.bytes));
         if let (Some(shelf), Ok(_)) = (&shelf, &manifest.origin) {
             shelf.keep_manifest(&manifest.bytes);
         }
