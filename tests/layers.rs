@@ -29,10 +29,11 @@ const TABLE: [(&str, &[&str]); 19] = [
 ];
 
 /// Crates that only the named modules may use.
-const CRATES: [(&[&str], &[&str]); 5] = [
+const CRATES: [(&[&str], &[&str]); 6] = [
     (&["proj", "tiff", "zip", "geojson", "flatgeobuf", "geozero", "osmpbf", "tiny_skia", "exmex"], &["prepare"]),
     (&["wgpu"], &["render"]),
     (&["memmap2"], &["store"]),
+    (&["object_store", "tokio", "url"], &["store"]),
     (&["winit", "egui_winit", "directories"], &["window"]),
     (&["egui"], &["render", "window"]),
 ];

@@ -1,6 +1,6 @@
 //! Holes: what a settled frame covers and a frame does not.
 
-use super::{Engine, EngineError, EngineParams, FrameReport, FrameRequest, Mode, Partition, Source};
+use super::{Engine, EngineError, EngineParams, FrameReport, FrameRequest, Mode, Partition, Reading, Source};
 use crate::render::{SKY_ID, is_cell};
 
 /// Silhouettes are looked for no further than this, pixels.
@@ -27,7 +27,7 @@ pub struct Auditor {
 impl Auditor {
     /// `params` are those of the frames; settled frames have no less than the footprint that they need.
     pub fn new(source: &Source, params: &EngineParams) -> Self {
-        let footprint = params.footprint.max(Partition::least(Mode::Settled, &source.index));
+        let footprint = params.footprint.max(Partition::least(Reading::of(Mode::Settled, source), &source.index));
         let params = EngineParams { mode: Mode::Settled, footprint, ..*params };
         Self { source: source.clone(), params, twin: None }
     }

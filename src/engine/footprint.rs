@@ -5,10 +5,11 @@
 //! they have allocated beyond the pages in them is fragmentation, which is taken out of the pool as it comes
 //! ([`Partition::pool_bytes`]).
 
-use super::{EngineError, Mode, PICK_MESH_BYTES_MAX};
+use super::{EngineError, Mode, PICK_MESH_BYTES_MAX, Source};
 use crate::forest::index::IndexForest;
 use crate::paging::least_footprint_bytes;
 use crate::render::{GpuLimits, Renderer};
+use crate::storage::{ReadLimits, StorageModel};
 use crate::units::ByteSize;
 
 /// Encoded bytes and decoder's workspace of one server, bytes.
@@ -29,9 +30,42 @@ pub const PAGES_IN_FLIGHT_MAX: usize = 1024;
 /// costs it less than another call.
 pub const RUN_BYTES: u32 = 128 << 10;
 pub const GAP_BYTES: u32 = 4 << 10;
-/// Threads that serve each of the three layers in live runs.
+/// Threads that serve each of the three layers in live runs, and so many of worlds behind addresses: there a thread waits
+/// for answers nearly all of the time.
 pub const THREADS_PER_LAYER: usize = 1;
+pub const REMOTE_THREADS_PER_LAYER: usize = 4;
+/// What a network is taken for as long as nothing is known of it, but for its bandwidth: of that as much is hoped for as
+/// [`REMOTE_BYTES_IN_FLIGHT`] in a latency.
+pub const REMOTE_MODEL: StorageModel = StorageModel::WAN;
+pub const REMOTE_BYTES_IN_FLIGHT: u64 = 1 << 20;
 const LAYERS: u64 = 3;
+
+/// How a run reads.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Reading {
+    pub mode: Mode,
+    /// Whether reads go over a network.
+    pub is_remote: bool,
+}
+
+impl Reading {
+    pub fn of(mode: Mode, source: &Source) -> Self {
+        Self { mode, is_remote: source.reader.is_remote() }
+    }
+
+    pub fn threads_per_layer(self) -> usize {
+        if self.is_remote { REMOTE_THREADS_PER_LAYER } else { THREADS_PER_LAYER }
+    }
+
+    /// What is read at once of storage of which no more is known; `step_s`: how often pages are asked for, seconds. In
+    /// lock-step, near and far worlds are read alike, so that figures are the same.
+    pub fn limits(self, step_s: f64) -> ReadLimits {
+        if self.is_remote && self.mode != Mode::LockStep {
+            return ReadLimits { bytes_in_flight: REMOTE_BYTES_IN_FLIGHT, ..REMOTE_MODEL.reads(step_s) };
+        }
+        ReadLimits { in_flight: IN_FLIGHT_MAX, bytes_in_flight: u64::MAX, run_bytes: RUN_BYTES, gap_bytes: GAP_BYTES }
+    }
+}
 
 /// Shares of a footprint, bytes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,10 +79,10 @@ pub struct Partition {
 
 impl Partition {
     /// Fails where the footprint is below the least that can work with the world.
-    pub fn new(footprint: ByteSize, mode: Mode, index: &IndexForest) -> Result<Self, EngineError> {
+    pub fn new(footprint: ByteSize, reading: Reading, index: &IndexForest) -> Result<Self, EngineError> {
         let (index_bytes, world_image, scratch) =
-            (index.bytes().fixed() as u64, world_image_bytes(index), scratch_bytes(mode));
-        let least = Self::least(mode, index).0;
+            (index.bytes().fixed() as u64, world_image_bytes(index), scratch_bytes(reading));
+        let least = Self::least(reading, index).0;
         let Some(spare) = footprint.0.checked_sub(least) else {
             return Err(EngineError::FootprintTooSmall { asked: footprint, least: ByteSize(least) });
         };
@@ -57,10 +91,10 @@ impl Partition {
     }
 
     /// The least footprint that can work with a world.
-    pub fn least(mode: Mode, index: &IndexForest) -> ByteSize {
+    pub fn least(reading: Reading, index: &IndexForest) -> ByteSize {
         let fixed = index.bytes().fixed() as u64
             + world_image_bytes(index)
-            + scratch_bytes(mode)
+            + scratch_bytes(reading)
             + MESH_MIN_BYTES
             + SLACK_BYTES;
         ByteSize(fixed + least_footprint_bytes(index))
@@ -90,9 +124,10 @@ fn world_image_bytes(index: &IndexForest) -> u64 {
 }
 
 /// Decoders' workspace, and in live runs what picking keeps.
-fn scratch_bytes(mode: Mode) -> u64 {
-    match mode {
-        Mode::Live => LAYERS * THREADS_PER_LAYER as u64 * SCRATCH_PER_SERVER_BYTES + PICK_MESH_BYTES_MAX as u64,
+fn scratch_bytes(reading: Reading) -> u64 {
+    let servers = LAYERS * reading.threads_per_layer() as u64;
+    match reading.mode {
+        Mode::Live => servers * SCRATCH_PER_SERVER_BYTES + PICK_MESH_BYTES_MAX as u64,
         Mode::LockStep | Mode::Settled => SCRATCH_PER_SERVER_BYTES,
     }
 }
@@ -100,19 +135,35 @@ fn scratch_bytes(mode: Mode) -> u64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::paging::RUNS_AT_ONCE;
+    use crate::storage::REQUEST_BYTES_MAX;
 
     #[test]
     fn shares_add_up_and_the_least_footprint_is_the_least() {
         let index = IndexForest::default();
-        let least = match Partition::new(ByteSize(1 << 20), Mode::Live, &index) {
-            Err(EngineError::FootprintTooSmall { least, .. }) => least,
-            other => panic!("{other:?}"),
-        };
-        assert!(Partition::new(ByteSize(least.0 - 1), Mode::Live, &index).is_err());
-        for footprint in [least.0, least.0 + 1, 64 << 20, 256 << 20, 8 << 30] {
-            let shares = Partition::new(ByteSize(footprint), Mode::Live, &index).unwrap();
-            assert!(shares.pool_bytes(0) >= least_footprint_bytes(&index));
-            assert_eq!(shares.pool_bytes(0) + shares.fixed_bytes() + SLACK_BYTES, footprint);
+        for is_remote in [false, true] {
+            let reading = Reading { mode: Mode::Live, is_remote };
+            let least = match Partition::new(ByteSize(1 << 20), reading, &index) {
+                Err(EngineError::FootprintTooSmall { least, .. }) => least,
+                other => panic!("{other:?}"),
+            };
+            assert!(Partition::new(ByteSize(least.0 - 1), reading, &index).is_err());
+            for footprint in [least.0, least.0 + 1, 64 << 20, 256 << 20, 8 << 30] {
+                let shares = Partition::new(ByteSize(footprint), reading, &index).unwrap();
+                assert!(shares.pool_bytes(0) >= least_footprint_bytes(&index));
+                assert_eq!(shares.pool_bytes(0) + shares.fixed_bytes() + SLACK_BYTES, footprint);
+            }
+        }
+    }
+
+    #[test]
+    fn no_run_is_longer_than_a_request_or_a_servers_scratch() {
+        for (mode, is_remote) in [(Mode::Live, true), (Mode::Settled, true), (Mode::Live, false)] {
+            let limits = Reading { mode, is_remote }.limits(1.0 / 60.0);
+            let longest = u64::from(limits.run_bytes).min(limits.bytes_in_flight);
+            assert!(longest <= REQUEST_BYTES_MAX && 2 * longest <= SCRATCH_PER_SERVER_BYTES, "{limits:?}");
+            let together = if mode == Mode::Settled { RUNS_AT_ONCE as u64 * longest } else { longest };
+            assert!(together <= SCRATCH_PER_SERVER_BYTES, "{limits:?}");
         }
     }
 }

@@ -6,7 +6,7 @@ use super::picture::LastPicture;
 use super::reader::Source;
 use super::scene::{Scene, timed};
 use super::surroundings::{DrawnGround, PickCache};
-use super::{EngineError, EngineParams, FrameRequest, Mode, Partition};
+use super::{EngineError, EngineParams, FrameRequest, Mode, Partition, Reading};
 use crate::camera::View;
 use crate::paging::{FrameReport, FrameTimings, KnownWay, Totals};
 use crate::render::{DrawOptions, FrameStats, RenderError, Renderer};
@@ -29,7 +29,7 @@ impl Engine {
     /// Opens the renderer and loads the coarsest pages of all zones.
     pub fn new(source: Source, params: EngineParams) -> Result<Self, EngineError> {
         let auditor = Auditor::new(&source, &params);
-        let partition = Partition::new(params.footprint, params.mode, &source.index)?;
+        let partition = Partition::new(params.footprint, Reading::of(params.mode, &source), &source.index)?;
         let mut renderer = Renderer::new(partition.gpu_limits())?;
         let source = source.with_atlases(renderer.atlas_format());
         let mut scene = Scene::new(source, params, OutOfView::Left)?;

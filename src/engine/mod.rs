@@ -4,6 +4,7 @@
 //! meets them here. In lock-step the same code runs without threads, and a frame's report follows from the world and
 //! the views alone.
 
+mod atlas_reader;
 mod audit;
 mod cost;
 mod footprint;
@@ -28,7 +29,8 @@ pub use crate::paging::{Aim, FrameReport, FrameTimings, Lack};
 pub use cost::{CostModel, Load, TimeBudget};
 pub use footprint::{
     FLUSH_BYTES, IN_FLIGHT_MAX, MESH_MIN_BYTES, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME,
-    SCRATCH_PER_SERVER_BYTES, SLACK_BYTES, THREADS_PER_LAYER,
+    REMOTE_BYTES_IN_FLIGHT, REMOTE_MODEL, REMOTE_THREADS_PER_LAYER, Reading, SCRATCH_PER_SERVER_BYTES, SLACK_BYTES,
+    THREADS_PER_LAYER,
 };
 pub use frame::Engine;
 pub use ground::GroundProbe;

@@ -1,9 +1,9 @@
 //! What the engine flies over: an index, a description, and pages behind a reader.
 
-use crate::content::{AtlasFormat, Page, PageId};
+use crate::content::{Page, PageId};
 use crate::forest::index::{IndexForest, Place};
-use crate::paging::{PageReader, ReadError};
-use crate::store::{Manifest, StoreError, World};
+use crate::paging::{OneByOne, PageReader, PageRun, RangeRead, ReadError};
+use crate::store::{Manifest, PageRange, StoreError, World};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 /// A world as the engine sees it. The index is light to clone: its segments are shared.
@@ -34,40 +34,62 @@ impl Source {
     }
 }
 
-impl Source {
-    /// The same with atlases as a renderer wants them.
-    pub(super) fn with_atlases(self, format: AtlasFormat) -> Self {
-        match format {
-            AtlasFormat::Rgba8 => self,
-            format => Self { reader: Arc::new(AtlasReader { inner: self.reader, format }), ..self },
-        }
-    }
-}
-
-/// Lays atlases out for the GPU, where pages are decoded.
-struct AtlasReader {
-    inner: Arc<dyn PageReader>,
-    format: AtlasFormat,
-}
-
-impl PageReader for AtlasReader {
-    fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
-        let mut loaded = self.inner.load(page, place)?;
-        if let Page::Objects(_, mesh) = &mut loaded
-            && mesh.atlas.is_some()
-        {
-            Arc::make_mut(mesh).compress_atlas(self.format);
-        }
-        Ok(loaded)
-    }
-}
-
 /// Reads, verifies and decodes pages of a world.
 struct WorldReader(Arc<World>);
 
 impl PageReader for WorldReader {
     fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
         self.0.load(page, place).map_err(|error| sort(&error))
+    }
+
+    fn read_run(&self, run: &RangeRead) -> Result<Option<Arc<dyn PageRun>>, ReadError> {
+        let places = places(run);
+        self.opened(run, self.0.read_range(&range(run, &places)))
+    }
+
+    fn read_runs(&self, runs: &[RangeRead]) -> Vec<Result<Option<Arc<dyn PageRun>>, ReadError>> {
+        let places: Vec<Vec<Place>> = runs.iter().map(places).collect();
+        let ranges: Vec<PageRange<'_>> = runs.iter().zip(&places).map(|(run, places)| range(run, places)).collect();
+        runs.iter().zip(self.0.read_ranges(&ranges)).map(|(run, read)| self.opened(run, read)).collect()
+    }
+
+    fn is_remote(&self) -> bool {
+        self.0.is_remote()
+    }
+}
+
+impl WorldReader {
+    fn opened(
+        &self,
+        run: &RangeRead,
+        read: Result<Vec<u8>, StoreError>,
+    ) -> Result<Option<Arc<dyn PageRun>>, ReadError> {
+        let bytes = read.map_err(|error| sort(&error))?;
+        Ok(Some(Arc::new(WorldRun { world: self.0.clone(), offset: run.offset, bytes })))
+    }
+}
+
+fn places(run: &RangeRead) -> Vec<Place> {
+    run.pages.iter().map(|page| page.1).collect()
+}
+
+fn range<'a>(run: &RangeRead, pages: &'a [Place]) -> PageRange<'a> {
+    PageRange { zone: run.zone, file: run.file, place: Place { offset: run.offset, len: run.len }, pages }
+}
+
+/// The bytes of a run, from an offset on.
+struct WorldRun {
+    world: Arc<World>,
+    offset: u64,
+    bytes: Vec<u8>,
+}
+
+impl PageRun for WorldRun {
+    fn page(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
+        let start = place.offset.checked_sub(self.offset).and_then(|start| usize::try_from(start).ok());
+        let bytes = start.and_then(|start| self.bytes.get(start..)?.get(..place.len as usize));
+        // A reader gives what it was asked for; a page beside that ends too early, as its decoder says.
+        self.world.decode(page, place, bytes.unwrap_or_default()).map_err(|error| sort(&error))
     }
 }
 
@@ -95,6 +117,22 @@ impl PageReader for SwitchReader {
     fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
         let inner = self.lock().clone();
         inner.load(page, place)
+    }
+
+    fn read_run(&self, run: &RangeRead) -> Result<Option<Arc<dyn PageRun>>, ReadError> {
+        let inner = self.lock().clone();
+        let read = inner.read_run(run)?;
+        Ok(Some(read.unwrap_or_else(|| Arc::new(OneByOne(inner)))))
+    }
+
+    fn read_runs(&self, runs: &[RangeRead]) -> Vec<Result<Option<Arc<dyn PageRun>>, ReadError>> {
+        let inner = self.lock().clone();
+        let one_by_one = |run: Option<Arc<dyn PageRun>>| Some(run.unwrap_or_else(|| Arc::new(OneByOne(inner.clone()))));
+        inner.read_runs(runs).into_iter().map(|read| read.map(one_by_one)).collect()
+    }
+
+    fn is_remote(&self) -> bool {
+        self.lock().is_remote()
     }
 }
 

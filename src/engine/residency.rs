@@ -1,9 +1,6 @@
 //! Pages on their way in and out: between selection, request manager, servers, live tree and GPU.
 
-use super::footprint::{
-    FLUSH_BYTES, GAP_BYTES, IN_FLIGHT_MAX, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, RUN_BYTES,
-    THREADS_PER_LAYER,
-};
+use super::footprint::{FLUSH_BYTES, PAGES_IN_FLIGHT_MAX, Partition, READ_BYTES_PER_FRAME, Reading};
 use super::lift::{LIFT_BYTES_PER_OBJECT, Lifts};
 use super::sink::{Handover, PageSink};
 use super::throttle::ThrottledServer;
@@ -20,7 +17,7 @@ use crate::paging::{
 };
 use crate::render::{ArenaFull, GpuLimits, Renderer};
 use crate::select::{Demand, Selection};
-use crate::storage::{Disk, Faults, ReadLimits, StorageModel};
+use crate::storage::{Disk, Faults, StorageModel};
 use std::collections::{HashMap, HashSet};
 use std::time::Instant;
 
@@ -85,17 +82,15 @@ pub struct Residency {
 }
 
 impl Residency {
-    pub fn new(params: &EngineParams, partition: Partition, source: &Source) -> Result<Self, EngineError> {
+    pub fn new(
+        params: &EngineParams,
+        reading: Reading,
+        partition: Partition,
+        source: &Source,
+    ) -> Result<Self, EngineError> {
         let read_bytes_per_update = if params.mode == Mode::LockStep { READ_BYTES_PER_FRAME } else { u64::MAX >> 2 };
-        // Of a disk of unknown kind nothing is known.
-        let unknown = ReadLimits {
-            in_flight: IN_FLIGHT_MAX,
-            bytes_in_flight: u64::MAX,
-            run_bytes: RUN_BYTES,
-            gap_bytes: GAP_BYTES,
-        };
         let held_back = params.storage.filter(|_| params.mode == Mode::Live);
-        let reads = held_back.map_or(unknown, |storage| storage.reads(LIVE_STEP_S));
+        let reads = held_back.map_or_else(|| reading.limits(LIVE_STEP_S), |storage| storage.reads(LIVE_STEP_S));
         let limits = Limits {
             footprint_bytes: partition.pool_bytes(0),
             in_flight: reads.in_flight,
@@ -106,7 +101,8 @@ impl Residency {
             gap_bytes: reads.gap_bytes,
         };
         let server: Box<dyn PageServer> = if params.mode == Mode::Live {
-            let limits = ServerLimits { threads_per_layer: THREADS_PER_LAYER, queue_len: PAGES_IN_FLIGHT_MAX };
+            let limits =
+                ServerLimits { threads_per_layer: reading.threads_per_layer(), queue_len: PAGES_IN_FLIGHT_MAX };
             throttled(Box::new(ThreadedServers::start(&source.reader, limits)?), params)
         } else {
             Box::new(InlineServer::new(source.reader.clone()))
@@ -156,7 +152,7 @@ impl Residency {
     /// Makes the world image.
     pub fn load_world_image(&mut self, source: &Source, renderer: &mut Renderer) {
         let load = load_world_image(source, renderer);
-        load.read.into_iter().for_each(|(id, place)| self.count_read(id, place));
+        load.read.into_iter().for_each(|(id, place)| self.count_read(id, place, place.len.into()));
         load.failures.into_iter().for_each(|failure| self.note(failure));
     }
 
@@ -209,9 +205,9 @@ impl Residency {
 
     /// Gives the bytes that became resident.
     fn take_in(&mut self, delivery: Delivery, now_s: f64, sink: &mut dyn PageSink) -> u64 {
-        let Delivery { page: id, place, outcome } = delivery;
-        if !matches!(outcome, Outcome::Cancelled) {
-            self.count_read(id, place);
+        let Delivery { page: id, place, outcome, read_bytes } = delivery;
+        if read_bytes > 0 {
+            self.count_read(id, place, read_bytes);
         }
         match outcome {
             Outcome::Loaded(Page::Segment(segment)) => {
@@ -298,11 +294,13 @@ impl Residency {
         bytes
     }
 
-    fn count_read(&mut self, page: PageId, place: Place) {
+    /// `read_bytes`: up to the page's end.
+    fn count_read(&mut self, page: PageId, place: Place, read_bytes: u64) {
         let (zone, file) = (page.cell.zone(), page.kind.file());
-        self.traffic.bytes_read += u64::from(place.len);
-        self.traffic.seeks += u64::from(self.last_read != Some((zone, file, place.offset)));
-        self.last_read = Some((zone, file, place.offset + u64::from(place.len)));
+        let end = place.offset + u64::from(place.len);
+        self.traffic.bytes_read += read_bytes;
+        self.traffic.seeks += u64::from(self.last_read != Some((zone, file, end.saturating_sub(read_bytes))));
+        self.last_read = Some((zone, file, end));
     }
 
     fn note(&mut self, message: String) {

@@ -1,7 +1,7 @@
 //! The part of a frame that needs no GPU: completions, selection, requests, lifts.
 
 use super::cost::{Load, TimeBudget};
-use super::footprint::Partition;
+use super::footprint::{Partition, Reading};
 use super::residency::Residency;
 use super::sink::PageSink;
 use super::{EngineError, EngineParams, Mode, Source};
@@ -24,6 +24,8 @@ const STEP_MAX_S: f64 = 0.25;
 pub struct Scene {
     pub source: Source,
     pub params: EngineParams,
+    /// From its start on.
+    reading: Reading,
     pub residency: Residency,
     out_of_view: OutOfView,
     planner: Planner,
@@ -52,11 +54,13 @@ pub struct Chosen {
 
 impl Scene {
     pub fn new(source: Source, params: EngineParams, out_of_view: OutOfView) -> Result<Self, EngineError> {
-        let partition = Partition::new(params.footprint, params.mode, &source.index)?;
-        let residency = Residency::new(&params, partition, &source)?;
+        let reading = Reading::of(params.mode, &source);
+        let partition = Partition::new(params.footprint, reading, &source.index)?;
+        let residency = Residency::new(&params, reading, partition, &source)?;
         Ok(Self {
             source,
             params,
+            reading,
             residency,
             out_of_view,
             planner: Planner::new(&params.planner),
@@ -248,7 +252,7 @@ impl Scene {
 
     /// Changes what can be changed while flying. A footprint that cannot work leaves all as it was.
     pub fn set_params(&mut self, params: EngineParams) -> Result<(), EngineError> {
-        let partition = Partition::new(params.footprint, params.mode, &self.source.index)?;
+        let partition = Partition::new(params.footprint, self.reading, &self.source.index)?;
         self.residency.set_partition(partition);
         if params.planner != self.params.planner {
             self.planner = Planner::new(&params.planner);
@@ -260,7 +264,7 @@ impl Scene {
     /// Goes on over another source, which holds all that the one before does: what is resident stays. A footprint that
     /// cannot hold its index leaves all as it was.
     pub fn set_source(&mut self, source: Source) -> Result<(), EngineError> {
-        let partition = Partition::new(self.params.footprint, self.params.mode, &source.index)?;
+        let partition = Partition::new(self.params.footprint, self.reading, &source.index)?;
         self.residency.set_partition(partition);
         self.residency.set_index(source.index.clone());
         // What was planned and surveyed was so over the old index.

@@ -62,7 +62,8 @@ impl ThrottledServer {
             PartOutcome::Failed => ReadError::Failed(told(page, "the storage failed")),
             PartOutcome::Corrupt => ReadError::Broken(told(page, "what is stored is corrupt")),
         };
-        self.lost.push_back(Delivery { page, place, outcome: Outcome::Failed(error) });
+        let read_bytes = place.len.into();
+        self.lost.push_back(Delivery { page, place, outcome: Outcome::Failed(error), read_bytes });
     }
 
     /// Takes a page off its request; the request with the last one.
@@ -93,7 +94,7 @@ impl ThrottledServer {
     }
 
     fn give_up(&mut self, (page, place): Read) {
-        self.lost.push_back(Delivery { page, place, outcome: Outcome::Cancelled });
+        self.lost.push_back(Delivery { page, place, outcome: Outcome::Cancelled, read_bytes: 0 });
     }
 }
 

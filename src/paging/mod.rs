@@ -30,8 +30,8 @@ pub use planner::{Frame, Planner, PlannerParams};
 pub use policy::{ForesightParams, FrontParams, PolicyName, PolicyParams, RangeParams, UnknownPolicy, VgisParams};
 pub use report::{FrameReport, FrameTimings, Totals};
 pub use servers::{
-    Delivery, InlineServer, Outcome, PageReader, PageServer, ReadError, SHUTDOWN_WAIT, ServerError, ServerLimits,
-    ThreadedServers,
+    Delivery, InlineServer, OneByOne, Outcome, PageReader, PageRun, PageServer, RUNS_AT_ONCE, ReadError, SHUTDOWN_WAIT,
+    ServerError, ServerLimits, ThreadedServers,
 };
 pub use slow::{Gate, SlowReader, Stall, StallError};
 pub use tolerance::{Aim, DrawnTolerance, Lack};

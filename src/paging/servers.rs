@@ -1,14 +1,21 @@
 //! Servers: they read, verify and decode what they are told, and know no policy. Threads by layer for live runs; inline
 //! for runs in lock-step, where reading happens in the order of the commands, inside the frame.
+//!
+//! Pages that lie together are read as one (see [`RangeRead`]) and decoded page by page, so that a broken one costs only
+//! itself.
+
+mod run;
+mod threaded;
+
+pub use threaded::{SHUTDOWN_WAIT, ServerError, ServerLimits, ThreadedServers};
 
 use super::RangeRead;
-use crate::content::{Page, PageId, PageKind};
+use crate::content::{Page, PageId};
 use crate::forest::index::Place;
-use crossbeam_channel::{Receiver, Sender, TrySendError, after, bounded};
+use crossbeam_channel::after;
+use run::{Fetched, Part};
 use std::collections::{HashSet, VecDeque};
-use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::thread::{Builder, JoinHandle};
+use std::sync::Arc;
 use std::time::Duration;
 
 /// A moment, for [`PageServer::poll_within`].
@@ -25,9 +32,40 @@ pub enum ReadError {
     Broken(String),
 }
 
-/// Reads and decodes single pages; thread-safe.
+/// Reads and decodes pages; thread-safe.
 pub trait PageReader: Send + Sync {
+    /// A single page.
     fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError>;
+
+    /// Reads a run as one: one read, or one request, for all of its pages. `None` where nothing is gained by that: its
+    /// pages are then loaded one by one.
+    fn read_run(&self, _run: &RangeRead) -> Result<Option<Arc<dyn PageRun>>, ReadError> {
+        Ok(None)
+    }
+
+    /// Several runs, at once where that is faster than one after the other; in their order.
+    fn read_runs(&self, runs: &[RangeRead]) -> Vec<Result<Option<Arc<dyn PageRun>>, ReadError>> {
+        runs.iter().map(|run| self.read_run(run)).collect()
+    }
+
+    /// Whether reads go over a network: then many small ones cost more than few large ones, and several at once less.
+    fn is_remote(&self) -> bool {
+        false
+    }
+}
+
+/// A run that has been read. Its pages are checked and decoded when they are asked for, by any thread.
+pub trait PageRun: Send + Sync {
+    fn page(&self, page: PageId, place: Place) -> Result<Page, ReadError>;
+}
+
+/// A run that another reader loads page by page: for readers that hand on to one.
+pub struct OneByOne(pub Arc<dyn PageReader>);
+
+impl PageRun for OneByOne {
+    fn page(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
+        self.0.load(page, place)
+    }
 }
 
 /// What became of a started page.
@@ -35,7 +73,7 @@ pub trait PageReader: Send + Sync {
 pub enum Outcome {
     Loaded(Page),
     Failed(ReadError),
-    /// Cancelled before it was read.
+    /// Cancelled before it was decoded.
     Cancelled,
 }
 
@@ -44,13 +82,15 @@ pub struct Delivery {
     pub page: PageId,
     pub place: Place,
     pub outcome: Outcome,
+    /// Bytes that were read for it: its own and the unwanted ones before it in its run; 0 where nothing was.
+    pub read_bytes: u64,
 }
 
 /// Takes commands, gives deliveries: exactly one for each started page, also for cancelled ones.
 pub trait PageServer: Send {
     /// False when the queue has no room for all pages of the range; nothing is then started, and no delivery follows.
     fn start(&mut self, read: RangeRead) -> bool;
-    /// Drops a started page if it is not being read yet.
+    /// Drops a started page if it is not decoded yet; its bytes are not read if those of no other page around it are.
     fn cancel(&mut self, page: PageId);
     /// The next delivery that is there; never waits.
     fn poll(&mut self) -> Option<Delivery>;
@@ -67,35 +107,55 @@ pub trait PageServer: Send {
     fn in_flight(&self) -> usize;
 }
 
+/// Runs that an [`InlineServer`] reads together over a network: while it waits for one, others may come too.
+pub const RUNS_AT_ONCE: usize = 8;
+
 /// Reads when polled.
 pub struct InlineServer {
     reader: Arc<dyn PageReader>,
-    queue: VecDeque<(PageId, Place)>,
+    queue: VecDeque<RangeRead>,
+    /// Of the runs that were read last.
+    open: VecDeque<(Fetched, Part)>,
     cancelled: HashSet<PageId>,
 }
 
 impl InlineServer {
     pub fn new(reader: Arc<dyn PageReader>) -> Self {
-        Self { reader, queue: VecDeque::new(), cancelled: HashSet::new() }
+        Self { reader, queue: VecDeque::new(), open: VecDeque::new(), cancelled: HashSet::new() }
+    }
+
+    fn is_queued(&self, page: PageId) -> bool {
+        let mut queued = self.queue.iter().flat_map(|read| &read.pages);
+        queued.any(|known| known.0 == page) || self.open.iter().any(|(_, part)| part.page == page)
+    }
+
+    fn open_next(&mut self) -> Option<(Fetched, Part)> {
+        let at_once = if self.reader.is_remote() { RUNS_AT_ONCE } else { 1 };
+        let reads: Vec<RangeRead> = self.queue.drain(..at_once.min(self.queue.len())).collect();
+        let cancelled = &mut self.cancelled;
+        for (fetched, parts) in run::fetch_all(&*self.reader, reads, |page| cancelled.remove(&page)) {
+            self.open.extend(parts.into_iter().map(|part| (fetched.clone(), part)));
+        }
+        self.open.pop_front()
     }
 }
 
 impl PageServer for InlineServer {
     fn start(&mut self, read: RangeRead) -> bool {
-        self.queue.extend(read.pages);
+        self.queue.push_back(read);
         true
     }
 
     fn cancel(&mut self, page: PageId) {
-        if self.queue.iter().any(|queued| queued.0 == page) {
+        if self.is_queued(page) {
             self.cancelled.insert(page);
         }
     }
 
     fn poll(&mut self) -> Option<Delivery> {
-        let (page, place) = self.queue.pop_front()?;
-        let outcome = if self.cancelled.remove(&page) { Outcome::Cancelled } else { read(&*self.reader, page, place) };
-        Some(Delivery { page, place, outcome })
+        let (fetched, part) = self.open.pop_front().or_else(|| self.open_next())?;
+        let is_cancelled = self.cancelled.remove(&part.page);
+        Some(part.deliver(&*self.reader, &fetched, is_cancelled))
     }
 
     fn poll_within(&mut self, _at_most: Duration) -> Option<Delivery> {
@@ -103,190 +163,6 @@ impl PageServer for InlineServer {
     }
 
     fn in_flight(&self) -> usize {
-        self.queue.len()
+        self.open.len() + self.queue.iter().map(|read| read.pages.len()).sum::<usize>()
     }
-}
-
-fn read(reader: &dyn PageReader, page: PageId, place: Place) -> Outcome {
-    // A decoder that panics must cost its page only, and not a delivery that the manager waits for.
-    match catch_unwind(AssertUnwindSafe(|| reader.load(page, place))) {
-        Ok(Ok(loaded)) => Outcome::Loaded(loaded),
-        Ok(Err(error)) => Outcome::Failed(error),
-        Err(_) => Outcome::Failed(ReadError::Broken(format!("decoding {page:?} failed unexpectedly"))),
-    }
-}
-
-/// How many threads serve a layer, and how many pages may wait for them.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct ServerLimits {
-    pub threads_per_layer: usize,
-    /// Started pages without delivery, over all layers; at least what the request manager may have in flight.
-    pub queue_len: usize,
-}
-
-#[derive(Debug, thiserror::Error)]
-#[error("cannot start the thread {name}: {source}")]
-pub struct ServerError {
-    name: String,
-    source: std::io::Error,
-}
-
-/// How long dropping [`ThreadedServers`] waits for reads that are under way. Threads whose storage hangs longer are left
-/// behind: they hold all they use, read nothing more, and end when their read does.
-pub const SHUTDOWN_WAIT: Duration = Duration::from_secs(1);
-
-/// Nothing is ever sent: its channel closes when the last thread has ended.
-enum Never {}
-
-type Cancelled = Arc<Mutex<HashSet<PageId>>>;
-
-/// Threads by layer.
-pub struct ThreadedServers {
-    /// By layer; dropped to end the threads.
-    queues: Vec<Sender<(PageId, Place)>>,
-    deliveries: Option<Receiver<Delivery>>,
-    cancelled: Cancelled,
-    threads: Vec<JoinHandle<()>>,
-    ended: Receiver<Never>,
-    in_flight: usize,
-    queue_len: usize,
-    /// Of pages that no thread would take.
-    unserved: VecDeque<Delivery>,
-}
-
-const LAYERS: [&str; 3] = ["terrain", "imagery", "objects"];
-
-fn layer(kind: PageKind) -> usize {
-    match kind {
-        // Segments are few and small, and wanted before the data below them.
-        PageKind::Terrain | PageKind::Segment => 0,
-        PageKind::Imagery => 1,
-        PageKind::Objects { .. } => 2,
-    }
-}
-
-impl ThreadedServers {
-    pub fn start(reader: &Arc<dyn PageReader>, limits: ServerLimits) -> Result<Self, ServerError> {
-        let queue_len = limits.queue_len.max(1);
-        let (to_engine, deliveries) = bounded(queue_len);
-        let (alive, ended) = bounded(0);
-        let mut servers = Self {
-            queues: Vec::new(),
-            deliveries: Some(deliveries),
-            cancelled: Cancelled::default(),
-            threads: Vec::new(),
-            ended,
-            in_flight: 0,
-            queue_len,
-            unserved: VecDeque::new(),
-        };
-        for name in LAYERS {
-            let (queue, jobs) = bounded(queue_len);
-            servers.queues.push(queue);
-            for number in 0..limits.threads_per_layer.max(1) {
-                let worker = Worker {
-                    reader: reader.clone(),
-                    jobs: jobs.clone(),
-                    deliveries: to_engine.clone(),
-                    cancelled: servers.cancelled.clone(),
-                    _alive: alive.clone(),
-                };
-                let name = format!("{name}-{number}");
-                let thread = Builder::new().name(name.clone()).spawn(move || worker.run());
-                servers.threads.push(thread.map_err(|source| ServerError { name, source })?);
-            }
-        }
-        Ok(servers)
-    }
-}
-
-impl ThreadedServers {
-    fn delivered(&mut self, delivery: Delivery) -> Delivery {
-        self.in_flight -= 1;
-        // A cancellation that came too late must not hit the page's next start.
-        lock(&self.cancelled).remove(&delivery.page);
-        delivery
-    }
-}
-
-impl PageServer for ThreadedServers {
-    fn start(&mut self, read: RangeRead) -> bool {
-        if self.in_flight + read.pages.len() > self.queue_len {
-            return false;
-        }
-        // The threads of a layer have their own queues, each as long as all may be together.
-        for (page, place) in read.pages {
-            match self.queues[layer(page.kind)].try_send((page, place)) {
-                Ok(()) => self.in_flight += 1,
-                Err(TrySendError::Full(_) | TrySendError::Disconnected(_)) => {
-                    let error = ReadError::Failed("the threads that read have ended".into());
-                    self.unserved.push_back(Delivery { page, place, outcome: Outcome::Failed(error) });
-                }
-            }
-        }
-        true
-    }
-
-    fn cancel(&mut self, page: PageId) {
-        lock(&self.cancelled).insert(page);
-    }
-
-    fn poll(&mut self) -> Option<Delivery> {
-        let unserved = self.unserved.pop_front();
-        unserved.or_else(|| {
-            let delivery = self.deliveries.as_ref()?.try_recv().ok()?;
-            Some(self.delivered(delivery))
-        })
-    }
-
-    fn poll_within(&mut self, at_most: Duration) -> Option<Delivery> {
-        self.poll().or_else(|| {
-            let deliveries = self.deliveries.as_ref().filter(|_| self.in_flight > 0)?;
-            let delivery = deliveries.recv_timeout(at_most).ok()?;
-            Some(self.delivered(delivery))
-        })
-    }
-
-    fn in_flight(&self) -> usize {
-        self.in_flight + self.unserved.len()
-    }
-}
-
-impl Drop for ThreadedServers {
-    fn drop(&mut self) {
-        self.queues.clear();
-        self.deliveries = None;
-        let all_ended = self.ended.recv_timeout(SHUTDOWN_WAIT).is_err_and(|error| error.is_disconnected());
-        for thread in self.threads.drain(..).filter(|thread| all_ended || thread.is_finished()) {
-            // Panics in decoders are caught where they happen; there is nothing to report here.
-            let _ = thread.join();
-        }
-    }
-}
-
-struct Worker {
-    reader: Arc<dyn PageReader>,
-    jobs: Receiver<(PageId, Place)>,
-    deliveries: Sender<Delivery>,
-    cancelled: Cancelled,
-    /// Dropped last, when nothing else is held any more.
-    _alive: Sender<Never>,
-}
-
-impl Worker {
-    /// Serves until the queue or the receiver is gone; what is left in the queue then is not read.
-    fn run(self) {
-        while let Ok((page, place)) = self.jobs.recv() {
-            let dropped = lock(&self.cancelled).remove(&page);
-            let outcome = if dropped { Outcome::Cancelled } else { read(&*self.reader, page, place) };
-            if self.deliveries.send(Delivery { page, place, outcome }).is_err() {
-                return;
-            }
-        }
-    }
-}
-
-/// The set stays meaningful whatever a holder of the lock did.
-fn lock(cancelled: &Mutex<HashSet<PageId>>) -> MutexGuard<'_, HashSet<PageId>> {
-    cancelled.lock().unwrap_or_else(PoisonError::into_inner)
 }

@@ -1,6 +1,6 @@
 //! A reader that is as slow as one likes, and that hangs: for tests, and for seeing what a bad network does.
 
-use super::{PageReader, ReadError};
+use super::{OneByOne, PageReader, PageRun, RangeRead, ReadError};
 use crate::content::{Page, PageId};
 use crate::forest::index::Place;
 use std::sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError};
@@ -113,7 +113,7 @@ impl Gate {
     }
 }
 
-/// Another reader's pages, each after a latency and no sooner than a gate is open. Reads on several threads wait at the
+/// Another reader's pages and runs, each after a latency and no sooner than a gate is open. Reads on several threads wait at the
 /// same time.
 pub struct SlowReader {
     inner: Arc<dyn PageReader>,
@@ -131,6 +131,16 @@ impl PageReader for SlowReader {
     fn load(&self, page: PageId, place: Place) -> Result<Page, ReadError> {
         self.gate.pass(self.latency);
         self.inner.load(page, place)
+    }
+
+    fn read_run(&self, run: &RangeRead) -> Result<Option<Arc<dyn PageRun>>, ReadError> {
+        self.gate.pass(self.latency);
+        let read = self.inner.read_run(run)?;
+        Ok(Some(read.unwrap_or_else(|| Arc::new(OneByOne(self.inner.clone())))))
+    }
+
+    fn is_remote(&self) -> bool {
+        self.inner.is_remote()
     }
 }
 

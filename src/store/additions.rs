@@ -90,6 +90,15 @@ pub(super) fn index_path(dir: &Path, zone: Zone, generation: u32) -> PathBuf {
     dir.join("index").join(file_name(zone, generation, "idx"))
 }
 
+/// The same in an address, which has one kind of separators everywhere.
+pub(super) fn pack_name(zone: Zone, generation: u32) -> String {
+    format!("packs/{}", file_name(zone, generation, "pack"))
+}
+
+pub(super) fn index_name(zone: Zone, generation: u32) -> String {
+    format!("index/{}", file_name(zone, generation, "idx"))
+}
+
 fn file_name(zone: Zone, generation: u32, extension: &str) -> String {
     let zone = zone.index();
     if generation == 0 { format!("{zone:02}.{extension}") } else { format!("{zone:02}.g{generation}.{extension}") }

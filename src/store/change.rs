@@ -4,6 +4,7 @@ use super::additions::{self, PackFile, ZoneFiles, index_path, pack_path};
 use super::error::StoreError;
 use super::index;
 use super::manifest::{CollectionInfo, Manifest, SourceInfo};
+use super::remote::Address;
 use super::world::{MANIFEST_FILE, World};
 use super::writer::{PackWriter, write_file};
 use crate::forest::Zone;
@@ -48,6 +49,9 @@ pub struct CollectionChange {
 impl WorldChange {
     /// Takes the world for this change alone, and removes what earlier ones left that were broken off.
     pub fn begin(dir: &Path) -> Result<Self, StoreError> {
+        if Address::of(dir).is_some() {
+            return Err(StoreError::ReadOnly(dir.to_owned()));
+        }
         if !dir.join(MANIFEST_FILE).exists() {
             return Err(StoreError::NotAWorld(dir.to_owned()));
         }

@@ -67,6 +67,26 @@ pub enum StoreError {
     Occupied(PathBuf),
     #[error("{}: a page at byte {offset} of {len} bytes is beyond what a pack can hold", .file.display())]
     TooLarge { file: PathBuf, offset: u64, len: usize },
+    #[error("{}: {cause}; write http://HOST/FOLDER, https://HOST/FOLDER or s3://BUCKET/FOLDER", .address.display())]
+    Address { address: PathBuf, cause: String },
+    #[error("{}: a world behind an address cannot be changed; change it in a folder, and put it there again", .0.display())]
+    ReadOnly(PathBuf),
+    #[error("{}: no world here (the server has no world.json there); name the address of a folder that stoop-prepare wrote", .0.display())]
+    NoWorldThere(PathBuf),
+    #[error("{}: it is not on the server; copy all of the world there", .file.display())]
+    Missing { file: PathBuf },
+    #[error("{}: it has changed on the server since it was opened; open it again", .file.display())]
+    Changed { file: PathBuf },
+    #[error("{}: {cause}; check the network and the address, then try again", .file.display())]
+    Unanswered { file: PathBuf, cause: String },
+    #[error("{}: the server does not let it be read: {cause}; check the address and who may read it (for s3:// the AWS_ variables, see --help)", .file.display())]
+    Denied { file: PathBuf, cause: String },
+    #[error("{}: the server sends whole files only; put the world on one that answers requests for byte ranges (nginx, Apache, Caddy, S3 and most others do)", .file.display())]
+    NoRanges { file: PathBuf },
+    #[error("{}: {cause}; put the world on another server, or tell its owner", .file.display())]
+    Answer { file: PathBuf, cause: String },
+    #[error("{}: the cache cannot be used: {cause}; name another folder by --cache, or leave it away", .folder.display())]
+    Cache { folder: PathBuf, cause: String },
     #[error("{}: {source}", .file.display())]
     Io { file: PathBuf, source: io::Error },
 }
@@ -79,9 +99,13 @@ impl StoreError {
         }
     }
 
-    /// Whether trying again can help: a device's failure may pass, broken bytes stay broken.
+    /// Whether trying again can help: a device's failure may pass, and so may a network's; broken bytes stay broken.
     pub fn is_transient(&self) -> bool {
-        matches!(self, Self::Io { source, .. } if source.kind() != io::ErrorKind::NotFound)
+        match self {
+            Self::Io { source, .. } => source.kind() != io::ErrorKind::NotFound,
+            Self::Unanswered { .. } => true,
+            _ => false,
+        }
     }
 }
 

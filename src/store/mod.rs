@@ -1,4 +1,4 @@
-//! The world format: manifest, index files, packs, codecs; local directories and memory.
+//! The world format: manifest, index files, packs, codecs; local directories, servers and memory.
 //!
 //! ```text
 //! world.json     the manifest
@@ -10,6 +10,7 @@
 mod additions;
 mod atlas;
 mod bytes;
+mod cache;
 mod change;
 mod details;
 mod error;
@@ -22,7 +23,9 @@ mod map;
 mod merge;
 mod objects;
 mod pack;
+mod remote;
 mod seat;
+mod site;
 mod stack;
 mod terrain;
 mod verify;
@@ -33,6 +36,7 @@ mod writer;
 
 pub use additions::{Additions, PackFile, ZoneFiles};
 pub use atlas::{decode_atlas, encode_atlas};
+pub use cache::{CACHE_LIMIT, CACHE_LIMIT_MIN, DiskCache};
 pub use change::{CollectionChange, WorldChange};
 pub use error::{EncodeError, PageFault, StoreError};
 pub use ground::{GroundPages, finest_terrain};
@@ -42,13 +46,14 @@ pub use objects::{
     FOOTPRINT_UNIT_MAX_M, FOOTPRINT_UNIT_PER_ERROR, OBJECT_HEIGHT_UNIT_M, PrismPage, decode_attributes, decode_objects,
     decode_prisms, encode_objects,
 };
-pub use pack::PageSource;
+pub use pack::{PageRange, PageSource};
+pub use remote::{Address, REQUEST_LIMIT, SCHEMES};
 pub use stack::STACK_WORLDS_MAX;
 pub use terrain::{HEIGHT_STEP_MIN_M, decode_terrain, encode_terrain, height_step_m};
 pub use verify::{Problem, Verified};
 pub use views::{HOME_HEIGHT_M, NamedView, VIEW_HEIGHT_M, VIEW_NAME_MAX, bookmarks};
 pub use whole::write_whole;
-pub use world::{INDEX_RESIDENT_MAX_BYTES, MANIFEST_FILE, World};
+pub use world::{INDEX_RESIDENT_MAX_BYTES, MANIFEST_FILE, OpenOptions, World};
 pub use writer::{Existing, MemoryWriter, WorldWriter};
 
 use crate::content::{Page, PageId, PageKind};

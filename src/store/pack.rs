@@ -4,6 +4,7 @@ use super::additions::{Additions, index_path, pack_path};
 use super::bytes::{Reader, Writer};
 use super::error::{PageFault, StoreError};
 use super::{index, map};
+use crate::content::PageFile;
 use crate::forest::Zone;
 use crate::forest::index::{Place, SharedBytes, aligned};
 use std::fs::{self, File};
@@ -43,10 +44,62 @@ fn check_header(zone: Zone, file: &Path, bytes: &[u8]) -> Result<(), StoreError>
     }
 }
 
+/// A range of a zone's packs or of its index file, and the pages in it.
+#[derive(Clone, Copy, Debug)]
+pub struct PageRange<'a> {
+    pub zone: Zone,
+    pub file: PageFile,
+    pub place: Place,
+    /// Ascending, apart from one another, inside of `place`; the bytes between them are not wanted.
+    pub pages: &'a [Place],
+}
+
+impl PageRange<'_> {
+    /// Where a place inside of the range lies in its bytes.
+    pub(super) fn part(&self, place: Place) -> Option<std::ops::Range<usize>> {
+        let start = usize::try_from(place.offset.checked_sub(self.place.offset)?).ok()?;
+        let end = start.checked_add(place.len as usize)?;
+        (end <= self.place.len as usize).then_some(start..end)
+    }
+}
+
 /// Where pages and the index are read from. One call is one read; calls may come from any thread.
 pub trait PageSource: Send + Sync {
     /// The bytes of a place in a zone's pack, no fewer and no more.
     fn read(&self, zone: Zone, place: Place) -> Result<Vec<u8>, StoreError>;
+
+    /// The bytes of a range, no fewer and no more; those that are not wanted may be anything.
+    fn read_range(&self, range: &PageRange<'_>) -> Result<Vec<u8>, StoreError> {
+        match range.file {
+            PageFile::Pack => self.read(range.zone, range.place),
+            PageFile::Index => self.read_index(range.zone, range.place),
+        }
+    }
+
+    /// Several ranges, at once where that is faster than one after the other; in their order.
+    fn read_ranges(&self, ranges: &[PageRange<'_>]) -> Vec<Result<Vec<u8>, StoreError>> {
+        ranges.iter().map(|range| self.read_range(range)).collect()
+    }
+
+    /// Told before the indexes of some zones are opened: sources that are far away read ahead.
+    fn before_open(&self, _zones: &[Zone]) -> Result<(), StoreError> {
+        Ok(())
+    }
+
+    /// Told when they are open: what was read ahead is of no more use, and what belongs together must have stayed so.
+    fn after_open(&self) -> Result<(), StoreError> {
+        Ok(())
+    }
+
+    /// Whether reads go over a network.
+    fn is_remote(&self) -> bool {
+        false
+    }
+
+    /// What its user should know of how it was opened, a line.
+    fn notice(&self) -> Option<String> {
+        None
+    }
 
     /// Length of a zone's pack, its header included.
     fn pack_len(&self, zone: Zone) -> Result<u64, StoreError>;

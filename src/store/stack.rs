@@ -9,7 +9,7 @@ use super::ground::GroundPages;
 use super::manifest::Manifest;
 use super::merge;
 use super::objects::drawn_up;
-use super::pack::PageSource;
+use super::pack::{PageRange, PageSource};
 use super::world::World;
 use super::{PrismPage, seat};
 use crate::content::{Page, PageId, PageKind};
@@ -225,6 +225,25 @@ impl StackSource {
         StoreError::Index { file: self.index_name(zone), cause }
     }
 
+    /// The world of a range of plain places, and the range and its pages there.
+    fn own(&self, range: &PageRange<'_>) -> Result<(usize, Place, Vec<Place>), StoreError> {
+        let (_, at, place) = self.0.locate(range.zone, range.place)?;
+        let start = self.0.rows[range.zone.index()].starts[at];
+        let own = |page: &Place| Place { offset: page.offset.saturating_sub(start), len: page.len };
+        Ok((at, place, range.pages.iter().map(own).collect()))
+    }
+
+    fn read_spliced(&self, range: &PageRange<'_>) -> Result<Vec<u8>, StoreError> {
+        let mut bytes = vec![0; range.place.len as usize];
+        for &page in range.pages {
+            let own = self.read(range.zone, page)?;
+            if let Some(part) = range.part(page) {
+                bytes[part].copy_from_slice(&own);
+            }
+        }
+        Ok(bytes)
+    }
+
     fn first(&self) -> Option<&World> {
         self.0.worlds.first().map(|world| &**world)
     }
@@ -234,6 +253,39 @@ impl PageSource for StackSource {
     fn read(&self, zone: Zone, place: Place) -> Result<Vec<u8>, StoreError> {
         let (world, _, own) = self.0.locate(zone, place)?;
         world.source().read(zone, own)
+    }
+
+    /// One read, as worlds lie further apart than any range is long; of pages with places of their own one for each.
+    fn read_range(&self, range: &PageRange<'_>) -> Result<Vec<u8>, StoreError> {
+        if range.place.offset >= SPLICES_AT {
+            return self.read_spliced(range);
+        }
+        let (at, place, pages) = self.own(range)?;
+        self.0.worlds[at].source().read_range(&PageRange { place, pages: &pages, ..*range })
+    }
+
+    /// Those of each world together.
+    fn read_ranges(&self, ranges: &[PageRange<'_>]) -> Vec<Result<Vec<u8>, StoreError>> {
+        let mut read: Vec<Option<Result<Vec<u8>, StoreError>>> = ranges.iter().map(|_| None).collect();
+        let owned: Vec<_> = ranges.iter().map(|range| self.own(range).ok()).collect();
+        for (number, world) in self.0.worlds.iter().enumerate() {
+            let (mut slots, mut its) = (Vec::new(), Vec::new());
+            for (slot, (range, own)) in ranges.iter().zip(&owned).enumerate() {
+                let is_plain = range.place.offset < SPLICES_AT;
+                if let Some((_, place, pages)) = own.as_ref().filter(|own| own.0 == number && is_plain) {
+                    slots.push(slot);
+                    its.push(PageRange { place: *place, pages, ..*range });
+                }
+            }
+            for (slot, bytes) in slots.into_iter().zip(world.source().read_ranges(&its)) {
+                read[slot] = Some(bytes);
+            }
+        }
+        ranges.iter().zip(read).map(|(range, read)| read.unwrap_or_else(|| self.read_range(range))).collect()
+    }
+
+    fn is_remote(&self) -> bool {
+        self.0.worlds.iter().any(|world| world.is_remote())
     }
 
     fn pack_len(&self, zone: Zone) -> Result<u64, StoreError> {

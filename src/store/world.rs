@@ -3,15 +3,14 @@
 use super::error::StoreError;
 use super::index::{self, Extent};
 use super::manifest::Manifest;
-use super::pack::{LocalPacks, MemoryPacks, PageSource};
+use super::pack::{MemoryPacks, PageRange, PageSource};
+use super::site::{Site, Told};
 use super::stack::{self, Stack, StackSource, Stacked};
-use super::{PageFault, PrismPage, decode_attributes, decode_page, decode_prisms, frame};
+use super::{DiskCache, PageFault, PrismPage, decode_attributes, decode_page, decode_prisms, frame};
 use crate::content::{Page, PageId, PageKind};
 use crate::forest::index::{IndexForest, IndexTree, Place, Segment};
 use crate::forest::{CellId, Zone};
 use rayon::prelude::*;
-use std::fs;
-use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
@@ -37,49 +36,71 @@ pub struct World {
     stack: Option<Arc<Stack>>,
 }
 
+/// How a world is opened.
+#[derive(Clone)]
+pub struct OpenOptions {
+    /// See [`INDEX_RESIDENT_MAX_BYTES`].
+    pub resident_max_bytes: u64,
+    /// Keeps what is read over a network.
+    pub cache: Option<Arc<DiskCache>>,
+}
+
+impl Default for OpenOptions {
+    fn default() -> Self {
+        Self { resident_max_bytes: INDEX_RESIDENT_MAX_BYTES, cache: None }
+    }
+}
+
 impl World {
-    /// Opens a directory that `stoop-prepare` wrote. Manifest and index are checked, packs as they are read; of an index
-    /// beyond [`INDEX_RESIDENT_MAX_BYTES`] its directories and top segments, the other segments as they are read.
-    pub fn open(dir: &Path) -> Result<Self, StoreError> {
-        Self::open_paged(dir, INDEX_RESIDENT_MAX_BYTES)
+    /// Opens a directory that `stoop-prepare` wrote, or an address where its files lie (`http://`, `https://`, `s3://`).
+    /// Manifest and index are checked, packs as they are read; of an index beyond [`INDEX_RESIDENT_MAX_BYTES`] its
+    /// directories and top segments, the other segments as they are read.
+    pub fn open(world: &Path) -> Result<Self, StoreError> {
+        Self::open_with(world, &OpenOptions::default())
     }
 
-    /// The same with all of the index in memory (by memory map), whatever its size: for walks that must see everything.
-    pub fn open_whole(dir: &Path) -> Result<Self, StoreError> {
-        Self::open_paged(dir, u64::MAX)
+    /// The same with all of the index in memory (by memory map, where that is possible), whatever its size: for walks
+    /// that must see everything.
+    pub fn open_whole(world: &Path) -> Result<Self, StoreError> {
+        Self::open_paged(world, u64::MAX)
     }
 
     /// The same with another limit than [`INDEX_RESIDENT_MAX_BYTES`].
-    pub fn open_paged(dir: &Path, resident_max_bytes: u64) -> Result<Self, StoreError> {
+    pub fn open_paged(world: &Path, resident_max_bytes: u64) -> Result<Self, StoreError> {
+        Self::open_with(world, &OpenOptions { resident_max_bytes, ..OpenOptions::default() })
+    }
+
+    /// The same with all that can be asked for.
+    pub fn open_with(world: &Path, options: &OpenOptions) -> Result<Self, StoreError> {
+        let site = Site::of(world, options)?;
         // Between the manifest and the files that it names a change may have come and gone; then the manifest is
         // another one, and is followed.
-        let mut text = read_manifest(dir)?;
+        let mut manifest = site.read_manifest()?;
         for _ in 1..OPEN_ATTEMPTS {
-            match Self::open_as_told(dir, &text, resident_max_bytes) {
+            let told = manifest.text().to_owned();
+            match Self::open_as_told(&site, manifest, options) {
                 Ok(world) => return Ok(world),
                 Err(error) => {
-                    let now = read_manifest(dir)?;
-                    if now == text {
+                    manifest = site.read_manifest()?;
+                    if manifest.text() == told {
                         return Err(error);
                     }
-                    text = now;
                 }
             }
         }
-        Self::open_as_told(dir, &text, resident_max_bytes)
+        Self::open_as_told(&site, manifest, options)
     }
 
-    /// `text`: the manifest's bytes.
-    fn open_as_told(dir: &Path, text: &[u8], resident_max_bytes: u64) -> Result<Self, StoreError> {
-        let manifest_file = dir.join(MANIFEST_FILE);
-        let manifest = Manifest::parse(text, &manifest_file)?;
+    fn open_as_told(site: &Site, told: Told, options: &OpenOptions) -> Result<Self, StoreError> {
+        let manifest_file = site.manifest_file();
+        let manifest = Manifest::parse(told.text(), &manifest_file)?;
         let zones = zones(&manifest).map_err(|zone| StoreError::Manifest {
             file: manifest_file.clone(),
             cause: format!("{zone} is no zone"),
         })?;
-        let source: Box<dyn PageSource> = Box::new(LocalPacks::new(dir, &manifest.additions));
-        let index = open_index(&*source, &zones, resident_max_bytes)?;
-        Ok(Self { name: dir.to_owned(), manifest, index, source, stack: None })
+        let source = told.source(&manifest);
+        let index = open_index(&*source, &zones, options.resident_max_bytes)?;
+        Ok(Self { name: site.name(), manifest, index, source, stack: None })
     }
 
     /// A world of trees and of files by zone (headers included), all in memory; see [`super::MemoryWriter`].
@@ -121,7 +142,7 @@ impl World {
         Self { source: wrap(self.source), ..self }
     }
 
-    /// The directory, for messages.
+    /// The directory or the address, for messages.
     pub fn name(&self) -> &Path {
         &self.name
     }
@@ -159,6 +180,26 @@ impl World {
             PageKind::Segment => self.source.read_index(page.cell.zone(), place),
             _ => self.source.read(page.cell.zone(), place),
         }
+    }
+
+    /// The stored bytes of a run of pages: one read, unchecked.
+    pub fn read_range(&self, range: &PageRange<'_>) -> Result<Vec<u8>, StoreError> {
+        self.source.read_range(range)
+    }
+
+    /// Several runs, at once where that is faster than one after the other; in their order.
+    pub fn read_ranges(&self, ranges: &[PageRange<'_>]) -> Vec<Result<Vec<u8>, StoreError>> {
+        self.source.read_ranges(ranges)
+    }
+
+    /// Whether reads go over a network.
+    pub fn is_remote(&self) -> bool {
+        self.source.is_remote()
+    }
+
+    /// What its user should know of how it was opened, a line.
+    pub fn notice(&self) -> Option<String> {
+        self.source.notice()
     }
 
     /// Checks and decodes the bytes of a page that was read from `place`.
@@ -212,21 +253,13 @@ impl World {
     }
 }
 
-/// The bytes of a world's manifest.
-fn read_manifest(dir: &Path) -> Result<Vec<u8>, StoreError> {
-    let file = dir.join(MANIFEST_FILE);
-    fs::read(&file).map_err(|error| match error.kind() {
-        io::ErrorKind::NotFound | io::ErrorKind::NotADirectory => StoreError::NotAWorld(dir.to_owned()),
-        _ => StoreError::io(&file, error),
-    })
-}
-
 /// The zones that a manifest names; the first number that is none.
 fn zones(manifest: &Manifest) -> Result<Vec<Zone>, u8> {
     manifest.zones.iter().map(|&zone| Zone::new(zone).ok_or(zone)).collect()
 }
 
 fn open_index(source: &dyn PageSource, zones: &[Zone], resident_max_bytes: u64) -> Result<IndexForest, StoreError> {
+    source.before_open(zones)?;
     let lens: Vec<u64> = zones.iter().map(|&zone| source.index_len(zone)).collect::<Result<_, _>>()?;
     let all_bytes = lens.into_iter().fold(0, u64::saturating_add);
     let extent = if all_bytes <= resident_max_bytes { Extent::Whole } else { Extent::Top };
@@ -234,5 +267,6 @@ fn open_index(source: &dyn PageSource, zones: &[Zone], resident_max_bytes: u64) 
     let trees: Vec<IndexTree> = zones.par_iter().map(open).collect::<Result<_, _>>()?;
     let mut index = IndexForest::default();
     trees.into_iter().for_each(|tree| index.insert(tree));
+    source.after_open()?;
     Ok(index)
 }

@@ -17,8 +17,10 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Folder of the world
+    /// Folder or address (http://, https://, s3://) of the world
     world: PathBuf,
+    #[command(flatten)]
+    cache: cli::CacheArguments,
     /// The recipe that the world was prepared from
     #[arg(long, value_name = "RECIPE.toml")]
     against: Option<PathBuf>,
@@ -37,7 +39,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let world = World::open_whole(&arguments.world)?;
+    let world = cli::open_whole(std::slice::from_ref(&arguments.world), &arguments.cache)?;
     match &arguments.against {
         None => verify(&world, arguments.json),
         Some(recipe) => against(&world, recipe, &arguments),

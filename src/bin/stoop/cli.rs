@@ -1,11 +1,11 @@
 //! What the subcommands share: values as people write them, and errors of one line.
 
 use std::fmt;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use stoop::engine::Source;
-use stoop::store::World;
+use stoop::store::{CACHE_LIMIT, DiskCache, OpenOptions, World};
 use stoop::units::ByteSize;
 
 pub use stoop::units::{number, positive};
@@ -124,21 +124,56 @@ pub fn make_folder(folder: &std::path::Path) -> anyhow::Result<()> {
         .with_context(|| format!("cannot make the folder {}: check its place and rights", folder.display()))
 }
 
+/// What worlds behind addresses are read through.
+#[derive(clap::Args)]
+#[group(skip)]
+pub struct CacheArguments {
+    /// Keep what is read of worlds behind addresses in this folder, and read it there: also while the server does not
+    /// answer
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// What the cache may take on the disk; what was not used for longest goes first [default: 1GiB]
+    #[arg(long, value_name = "SIZE", value_parser = bytes, requires = "cache")]
+    cache_limit: Option<ByteSize>,
+}
+
+impl CacheArguments {
+    fn options(&self) -> anyhow::Result<OpenOptions> {
+        let limit = self.cache_limit.unwrap_or(CACHE_LIMIT);
+        let cache = self.cache.as_deref().map(|folder| DiskCache::open(folder, limit)).transpose()?;
+        Ok(OpenOptions { cache: cache.map(Arc::new), ..OpenOptions::default() })
+    }
+}
+
+fn open_told(world: &Path, options: &OpenOptions) -> anyhow::Result<World> {
+    let world = World::open_with(world, options)?;
+    if let Some(notice) = world.notice() {
+        eprintln!("stoop: {notice}");
+    }
+    Ok(world)
+}
+
+/// Opens one world.
+pub fn open_world(world: &Path, cache: &CacheArguments) -> anyhow::Result<World> {
+    open_told(world, &cache.options()?)
+}
+
 /// Opens worlds that are to lie over one another.
-pub fn open_worlds(folders: &[PathBuf]) -> anyhow::Result<Vec<Arc<World>>> {
-    folders.iter().map(|folder| Ok(Arc::new(World::open(folder)?))).collect()
+pub fn open_worlds(worlds: &[PathBuf], cache: &CacheArguments) -> anyhow::Result<Vec<Arc<World>>> {
+    let options = cache.options()?;
+    worlds.iter().map(|world| Ok(Arc::new(open_told(world, &options)?))).collect()
 }
 
 /// One world or several over one another, for the engine.
-pub fn open(folders: &[PathBuf]) -> anyhow::Result<Source> {
-    Ok(Source::over(&open_worlds(folders)?)?)
+pub fn open(worlds: &[PathBuf], cache: &CacheArguments) -> anyhow::Result<Source> {
+    Ok(Source::over(&open_worlds(worlds, cache)?)?)
 }
 
 /// The same with the whole index in memory, for walks that must see everything.
-pub fn open_whole(folders: &[PathBuf]) -> anyhow::Result<World> {
-    match folders {
-        [folder] => Ok(World::open_whole(folder)?),
-        folders => Ok(World::stack(&open_worlds(folders)?)?),
+pub fn open_whole(worlds: &[PathBuf], cache: &CacheArguments) -> anyhow::Result<World> {
+    match worlds {
+        [world] => open_told(world, &OpenOptions { resident_max_bytes: u64::MAX, ..cache.options()? }),
+        worlds => Ok(World::stack(&open_worlds(worlds, cache)?)?),
     }
 }
 

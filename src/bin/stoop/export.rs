@@ -22,8 +22,10 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Folder of the world
+    /// Folder or address (http://, https://, s3://) of the world
     world: PathBuf,
+    #[command(flatten)]
+    cache: cli::CacheArguments,
     /// Write this collection
     #[arg(long, value_name = "NAME", conflicts_with = "terrain", required_unless_present = "terrain")]
     collection: Option<String>,
@@ -45,7 +47,7 @@ pub struct Arguments {
 }
 
 pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    let world = World::open_whole(&arguments.world)?;
+    let world = cli::open_whole(std::slice::from_ref(&arguments.world), &arguments.cache)?;
     if let Some(name) = &arguments.collection {
         let count = write_collection(&world, name, arguments.rep, &arguments.out)?;
         cli::sayln!("{count} features written to {}", arguments.out.display());

@@ -95,9 +95,11 @@ enum ObjectsArgument {
 #[derive(clap::Args)]
 #[command(after_help = DETAILS)]
 pub struct Arguments {
-    /// Folders of worlds; several lie over one another, the first one uppermost
+    /// Folders or addresses (http://, https://, s3://) of worlds; several lie over one another, the first one uppermost
     #[arg(value_name = "WORLD", required = true)]
     worlds: Vec<PathBuf>,
+    #[command(flatten)]
+    cache: cli::CacheArguments,
     /// The flight, JSON
     #[arg(long, value_name = "FILE")]
     path: PathBuf,
@@ -283,7 +285,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     arguments.check_combinations()?;
     let path = FlightPath::load(&arguments.path)?;
     let opened = Instant::now();
-    let source = cli::open(&arguments.worlds)?;
+    let source = cli::open(&arguments.worlds, &arguments.cache)?;
     if let Some(storage) = arguments.virtual_storage {
         return virtual_clock::fly(&arguments, path, source, storage);
     }

@@ -7,7 +7,7 @@ use std::path::PathBuf;
 use std::process::ExitCode;
 use stoop::content::FIRST_GROUPS;
 use stoop::forest::ZONE_DEG;
-use stoop::store::{CollectionInfo, LayerInfo, NamedView, World};
+use stoop::store::{CollectionInfo, LayerInfo, NamedView};
 use stoop::units::ByteSize;
 
 const EXAMPLES: &str = "\
@@ -20,9 +20,11 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Folders of worlds; several lie over one another, the first one uppermost
+    /// Folders or addresses (http://, https://, s3://) of worlds; several lie over one another, the first one uppermost
     #[arg(value_name = "WORLD", required = true)]
     worlds: Vec<PathBuf>,
+    #[command(flatten)]
+    cache: cli::CacheArguments,
     /// Print JSON instead of text
     #[arg(long)]
     json: bool,
@@ -33,8 +35,8 @@ const DEGREE_M: f64 = 111_195.0;
 
 pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     let world = match &arguments.worlds[..] {
-        [folder] => World::open(folder)?,
-        folders => cli::open_whole(folders)?,
+        [world] => cli::open_world(world, &arguments.cache)?,
+        worlds => cli::open_whole(worlds, &arguments.cache)?,
     };
     let manifest = world.manifest();
     if arguments.json {

@@ -37,7 +37,16 @@ Examples:
   stoop EARTH CITY MORE
   stoop fly tiles/default/world --path tiles/default/helsinki.json --frames pictures --every-secs 1
   stoop shot tiles/default/world --lon-deg 24.95 --lat-deg 60.17 --height-m 2000 --pitch-deg -60 --out city.png
-  stoop info tiles/default/world";
+  stoop info tiles/default/world
+  stoop https://example.org/worlds/alps --cache ~/.cache/stoop
+
+Worlds behind addresses: WORLD may be http://HOST/FOLDER, https://HOST/FOLDER or s3://BUCKET/FOLDER, wherever one is
+taken. The server must answer requests for byte ranges (nginx, Apache, Caddy, S3 and most others do); nothing is listed.
+Requests that fail are tried again, and given up after 30 s; pages that did not come are asked for again later, and
+coarser ones are drawn meanwhile. A file that changes on the server while it is open is not read on: open the world
+again. For s3:// these variables count: AWS_REGION (else us-east-1), AWS_ENDPOINT_URL (for servers other than Amazon's),
+AWS_ACCESS_KEY_ID, AWS_SECRET_ACCESS_KEY, AWS_SESSION_TOKEN; without keys requests are not signed, as public buckets
+want it. HTTP_PROXY, HTTPS_PROXY and NO_PROXY are followed.";
 
 fn help() -> String {
     #[cfg(feature = "window")]

@@ -21,9 +21,11 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Folders of worlds; several lie over one another, the first one uppermost
+    /// Folders or addresses (http://, https://, s3://) of worlds; several lie over one another, the first one uppermost
     #[arg(value_name = "WORLD", required = true)]
     worlds: Vec<PathBuf>,
+    #[command(flatten)]
+    cache: cli::CacheArguments,
     /// Longitude, degrees east
     #[arg(long, allow_hyphen_values = true, value_parser = cli::longitude, requires = "lat_deg")]
     lon_deg: Option<f64>,
@@ -59,7 +61,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
         (None, Some(lon_deg), Some(lat_deg)) => vec![[lon_deg, lat_deg]],
         _ => return Err(cli::WrongUsage("name a place: --lon-deg X --lat-deg Y, or --points FILE.csv".into()).into()),
     };
-    let world = cli::open_whole(&arguments.worlds)?;
+    let world = cli::open_whole(&arguments.worlds, &arguments.cache)?;
     let probed = places.iter().map(|&place| probe(&world, place)).collect::<anyhow::Result<Vec<_>>>()?;
     if arguments.json {
         cli::sayln!("{}", serde_json::to_string_pretty(&probed)?);

@@ -20,9 +20,11 @@ Examples:
 #[derive(clap::Args)]
 #[command(after_help = EXAMPLES)]
 pub struct Arguments {
-    /// Folders of worlds; several lie over one another, the first one uppermost
+    /// Folders or addresses (http://, https://, s3://) of worlds; several lie over one another, the first one uppermost
     #[arg(value_name = "WORLD", required = true)]
     worlds: Vec<PathBuf>,
+    #[command(flatten)]
+    cache: cli::CacheArguments,
     /// Longitude of the eye, degrees east
     #[arg(long, allow_hyphen_values = true, value_parser = cli::longitude)]
     lon_deg: f64,
@@ -70,7 +72,7 @@ pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
     if let Some(folder) = &arguments.aov {
         cli::make_folder(folder)?;
     }
-    let source = cli::open(&arguments.worlds)?;
+    let source = cli::open(&arguments.worlds, &arguments.cache)?;
     let params = EngineParams { tolerance_px: arguments.tolerance_px, mode: Mode::Settled, ..EngineParams::default() };
     let mut engine = Engine::new(source, params)?;
     let report = engine.frame(&FrameRequest { view: arguments.view(), t_s: 0.0, ids: arguments.aov.is_some() })?;

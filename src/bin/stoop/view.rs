@@ -19,10 +19,12 @@ const DEFAULT_WORLDS: [&str; 2] = ["tiles/default/world", "share/stoop/default"]
 #[derive(clap::Args)]
 #[group(skip)]
 pub struct Arguments {
-    /// Folders of worlds to open in a window, over one another, the first one uppermost; the default world when none is
-    /// named
+    /// Folders or addresses (http://, https://, s3://) of worlds to open in a window, over one another, the first one
+    /// uppermost; the default world when none is named
     #[arg(value_name = "WORLD")]
     worlds: Vec<PathBuf>,
+    #[command(flatten)]
+    cache: cli::CacheArguments,
     /// Size of the window, logical pixels [default: as it was last]
     #[arg(long)]
     size: Option<cli::SizePx>,
@@ -80,7 +82,7 @@ pub fn run(arguments: Arguments, started: Instant) -> anyhow::Result<ExitCode> {
         cli::make_folder(folder)?;
     }
     let folders = if arguments.worlds.is_empty() { vec![default_world()?] } else { arguments.worlds };
-    let worlds = cli::open_worlds(&folders)?;
+    let worlds = cli::open_worlds(&folders, &arguments.cache)?;
     let whole = match &worlds[..] {
         [world] => world.clone(),
         worlds => Arc::new(World::stack(worlds)?),

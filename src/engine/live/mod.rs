@@ -12,7 +12,7 @@ mod remote;
 mod thread;
 
 use super::cost::{Load, TimeBudget};
-use super::footprint::{PAGES_IN_FLIGHT_MAX, Partition};
+use super::footprint::{PAGES_IN_FLIGHT_MAX, Partition, Reading};
 use super::lift::LiftCopies;
 use super::reader::SwitchReader;
 use super::scene::{Scene, timed};
@@ -111,7 +111,7 @@ pub struct Live {
 impl Live {
     /// What a renderer may hold for these parameters.
     pub fn gpu_limits(source: &Source, params: &EngineParams) -> Result<GpuLimits, EngineError> {
-        Ok(Partition::new(params.footprint, Mode::Live, &source.index)?.gpu_limits())
+        Ok(Partition::new(params.footprint, Reading::of(Mode::Live, source), &source.index)?.gpu_limits())
     }
 
     /// Loads the coarsest pages of all zones and starts the threads; the first frame already has the globe.
@@ -211,7 +211,7 @@ impl Live {
 
     /// The least footprint that works with a world in a window.
     pub fn least_footprint(source: &Source) -> ByteSize {
-        Partition::least(Mode::Live, &source.index)
+        Partition::least(Reading::of(Mode::Live, source), &source.index)
     }
 
     /// Time of the GPU for the newest frame that is known to be finished, milliseconds; without the panels.

@@ -30,6 +30,12 @@ impl RangeRead {
         Self { id, zone: first.cell.zone(), file: first.kind.file(), offset, len: (end - offset) as u32, pages }
     }
 
+    /// The part of it that reaches from the first to the last of some of its pages; `None` where there are none.
+    pub fn of_pages(&self, pages: Vec<(PageId, Place)>) -> Option<Self> {
+        let (offset, end) = (pages.first()?.1.offset, end(pages.last()?.1));
+        Some(Self { offset, len: (end - offset) as u32, pages, ..*self })
+    }
+
     /// A number for the file that the range lies in: packs of the zones, then their indexes.
     pub fn file_number(&self) -> u32 {
         let first = if self.file == PageFile::Index { Zone::COUNT } else { 0 };
@@ -54,6 +60,7 @@ fn position(demand: &Demand) -> ((Zone, PageFile), u64, PageId) {
 
 /// What is due waits for what is read before it: that is no more than a run's length divided by this.
 const LEAD_SHARE: u32 = 4;
+
 /// Demands that may be started, in the order in which they lie.
 pub(super) struct Waiting {
     demands: Vec<Demand>,
