@@ -14,6 +14,7 @@ pub struct Viewpoint {
 }
 
 impl Viewpoint {
+    /// `place`: its longitude within ±π.
     pub fn new(place: Geodetic) -> Self {
         let ecef: Point<Ecef> = place.to_ecef();
         let ecef = ecef.xyz();
@@ -22,15 +23,16 @@ impl Viewpoint {
 
     /// No more than the distance from any point over or under the rectangle (above −6000 km), 0 where the point is over it
     /// itself; metres. The larger of the distances from its nearer meridian's half-plane and its nearer parallel's cone
-    /// of normals.
-    pub fn at_least_m(&self, bounds: &GeoBounds) -> f64 {
-        self.across_meridians_m(bounds).max(self.across_parallels_m(bounds))
+    /// of normals; the first alone where that is `enough_m`.
+    pub fn at_least_m(&self, bounds: &GeoBounds, enough_m: f64) -> f64 {
+        let across_m = self.across_meridians_m(bounds);
+        if across_m >= enough_m { across_m } else { across_m.max(self.across_parallels_m(bounds)) }
     }
 
     fn across_meridians_m(&self, bounds: &GeoBounds) -> f64 {
         let half_rad = bounds.width_rad() / 2.0;
-        let middle_rad = (self.place.lon_rad - bounds.west_rad - half_rad).rem_euclid(TAU);
-        let beyond_rad = middle_rad.min(TAU - middle_rad) - half_rad;
+        let from_middle_rad = (self.place.lon_rad - bounds.west_rad - half_rad).abs();
+        let beyond_rad = from_middle_rad.min(TAU - from_middle_rad) - half_rad;
         match beyond_rad {
             rad if rad <= 0.0 => 0.0,
             rad if rad < FRAC_PI_2 => self.across_m * rad.sin(),
@@ -72,12 +74,12 @@ mod tests {
         fn nothing_over_a_rectangle_is_nearer(
             (lat, lon) in (-1.57..1.57f64, -PI..PI), height_m in -5e3..3e7f64,
             (south, west) in (-1.57..1.5f64, -PI..3.0), (high_rad, wide_rad) in (1e-4..0.7f64, 1e-4..0.7f64),
-            (u, v) in (0.0..1.0f64, 0.0..1.0f64), at_m in -1e4..1e5f64,
+            (u, v) in (0.0..1.0f64, 0.0..1.0f64), (at_m, enough_m) in (-1e4..1e5f64, 0.0..1e7f64),
         ) {
             let north_rad = (south + high_rad).min(FRAC_PI_2);
             let bounds = GeoBounds { west_rad: west, south_rad: south, east_rad: (west + wide_rad).min(PI), north_rad };
             let eye = Geodetic { lat_rad: lat, lon_rad: lon, height_m };
-            let least_m = Viewpoint::new(eye).at_least_m(&bounds);
+            let least_m = Viewpoint::new(eye).at_least_m(&bounds, enough_m);
             let there = bounds.at(u, v, at_m).to_ecef();
             let distance_m = (there - eye.to_ecef()).xyz().length();
             prop_assert!(least_m <= distance_m + 1e-6, "{least_m} > {distance_m}");
@@ -92,7 +94,7 @@ mod tests {
         let of = |west, south, east, north| {
             let bounds = GeoBounds::from_degrees(west, south, east, north);
             let boxed_m = OrientedBox::around(&bounds, 0.0, 100.0).distance_m(eye.to_ecef());
-            (viewpoint.at_least_m(&bounds), boxed_m)
+            (viewpoint.at_least_m(&bounds, f64::INFINITY), boxed_m)
         };
         // Across the antimeridian.
         let (least_m, boxed_m) = of(-180.0, 9.0, -179.0, 11.0);

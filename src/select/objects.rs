@@ -115,7 +115,7 @@ impl Walk<'_, '_> {
             return;
         }
         let bounds = node.cell().bounds();
-        if self.is_below(node, self.at_least_m(node, &bounds)) {
+        if self.is_far(node, &bounds) {
             return;
         }
         let eye = self.sight.view.pose.eye;
@@ -130,7 +130,7 @@ impl Walk<'_, '_> {
             return;
         }
         let distance_m = around.distance_m(self.sight.eye);
-        if self.is_below(node, distance_m) {
+        if distance_m > self.in_sight_m(node) {
             return;
         }
         let px_per_m = self.sight.view.projected_px(1.0, distance_m);
@@ -150,17 +150,19 @@ impl Walk<'_, '_> {
         entered.into_iter().rev().for_each(|collection| self.families.leave(collection));
     }
 
-    /// No more than the distance of any object of the subtree, metres.
-    fn at_least_m(&self, node: &Node<'_>, bounds: &GeoBounds) -> f64 {
-        // Objects reach half their reach beyond the cell, east and north.
-        let beyond_m = node.reach_m().min(DIMENSION_MAX_M) * std::f64::consts::FRAC_1_SQRT_2;
-        let above_m = self.sight.view.pose.eye.height_m - node.height_range_m().1;
-        (self.sight.viewpoint.at_least_m(bounds) - beyond_m).max(above_m)
+    /// Up to which distance the largest object of the subtree is above the threshold asked for, metres.
+    fn in_sight_m(&self, node: &Node<'_>) -> f64 {
+        node.dimension_m() * self.sight.focal_px / self.thresholds.asked_px
     }
 
-    /// Whether all objects of the subtree are below the threshold asked for at a distance, metres.
-    fn is_below(&self, node: &Node<'_>, distance_m: f64) -> bool {
-        self.sight.view.projected_px(node.dimension_m(), distance_m) < self.thresholds.asked_px
+    /// Whether all objects of the subtree are below the threshold asked for, as far as can be told without a box.
+    fn is_far(&self, node: &Node<'_>, bounds: &GeoBounds) -> bool {
+        // Objects reach half their reach beyond the cell, east and north.
+        let in_sight_m = self.in_sight_m(node);
+        let beyond_m = node.reach_m().min(DIMENSION_MAX_M) * std::f64::consts::FRAC_1_SQRT_2;
+        let above_m = self.sight.view.pose.eye.height_m - node.height_range_m().1;
+        let enough_m = in_sight_m + beyond_m;
+        above_m > in_sight_m || self.sight.viewpoint.at_least_m(bounds, enough_m) > enough_m
     }
 
     /// Offers each collection what it has at a node. Gives the collections to leave after the node's children, and

@@ -37,6 +37,8 @@ pub struct Sight<'a> {
     pub frustum: Frustum,
     pub horizon: HorizonCone,
     half_tan: DVec2,
+    /// Of the view, once for all of the walk.
+    pub focal_px: f64,
 }
 
 impl<'a> Sight<'a> {
@@ -51,6 +53,7 @@ impl<'a> Sight<'a> {
             frustum: view.frustum(),
             horizon: HorizonCone::new(horizon_eye(view, out_of_view), -lowest_m),
             half_tan: DVec2::new(tan_y * view.aspect(), tan_y),
+            focal_px: view.focal_px(),
         }
     }
 
