@@ -244,8 +244,12 @@ impl CellId {
 
     /// The same numbers on both sides of an edge, at every level.
     pub fn bounds(self) -> GeoBounds {
-        let (row, column) = self.row_column();
-        let (level, thin_level) = (self.level(), self.level() - self.thinning());
+        // As `row_column`, with all that comes of the path taken from it once: walks ask each cell they look at.
+        let (zone, level, (east_bits, y)) = (self.zone(), self.level(), self.path_bits());
+        let thinned = thinned_bits(zone, level, y);
+        let thin_level = level - thinned.count_ones() as u8;
+        let (row, x) = ((zone.row() << level) + y, close_bits(east_bits, thinned));
+        let column = (zone.column() << thin_level) + x;
         GeoBounds {
             west_rad: edge_rad(column, PI, thin_level),
             south_rad: edge_rad(row, FRAC_PI_2, level),
