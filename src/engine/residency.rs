@@ -212,6 +212,9 @@ impl Residency {
         match outcome {
             Outcome::Loaded(Page::Segment(segment)) => {
                 let completion = self.admit_segment(segment);
+                if completion == Completion::Broken {
+                    self.usage.failed(place.len.into());
+                }
                 self.complete(id, place, completion, now_s, sink)
             }
             Outcome::Loaded(page) => match sink.upload(&page) {
@@ -224,6 +227,7 @@ impl Residency {
             Outcome::Cancelled => self.complete(id, place, Completion::Cancelled, now_s, sink),
             Outcome::Failed(error) => {
                 self.note(error.to_string());
+                self.usage.failed(read_bytes);
                 let broken = matches!(error, ReadError::Broken(_));
                 let completion = if broken { Completion::Broken } else { Completion::Failed };
                 self.complete(id, place, completion, now_s, sink)
@@ -263,6 +267,7 @@ impl Residency {
             }
             Err(full) => {
                 self.note(format!("page {:?} of cell {}: {full}", id.kind, id.cell));
+                self.usage.failed(place.len.into());
                 Completion::Failed
             }
         };
@@ -283,11 +288,7 @@ impl Residency {
                 self.usage.loaded(page, u64::from(place.len));
                 bytes
             }
-            Completion::Cancelled => 0,
-            Completion::Failed | Completion::Broken => {
-                self.usage.failed(u64::from(place.len));
-                0
-            }
+            Completion::Cancelled | Completion::Failed | Completion::Broken => 0,
         };
         self.manager.complete(Event { page, completion }, now_s);
         self.measure(sink);

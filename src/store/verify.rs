@@ -1,15 +1,20 @@
 //! Looks at all of a world: every page, checksum, link and bound.
 
-use super::pack;
+use super::StoreError;
+use super::pack::{self, PageRange};
 use super::world::World;
 use super::writer::{Layer, layer};
-use crate::content::{ObjectPage, Page, PageId, PageKind, TerrainPage};
+use crate::content::{ObjectPage, Page, PageFile, PageId, PageKind, TerrainPage};
 use crate::forest::Zone;
 use crate::forest::index::{IndexForest, IndexTree, Node, Place};
 use rayon::prelude::*;
+use std::borrow::Cow;
 
-/// Pages that are looked at between two calls of the progress function; bounds what is in memory.
-const BATCH: usize = 256;
+/// Runs of pages that are read together, between two calls of the progress function; with the next bounds what is in
+/// memory.
+const BATCH: usize = 32;
+/// Pages that lie end to end are read as one up to so many bytes, or are one that is longer.
+const RUN_BYTES: u64 = 256 << 10;
 /// Heights and sizes in the index are rounded outwards; pages may differ from what was measured by their units.
 const SLACK_M: f64 = 0.02;
 
@@ -64,18 +69,36 @@ impl World {
         result.pages = tasks.len() as u64;
         result.bytes = tasks.iter().map(|(_, place)| u64::from(place.len)).sum();
         let mut done = 0;
-        for batch in tasks.chunks(BATCH) {
-            let found: Vec<Problem> =
-                batch.par_iter().flat_map_iter(|&(page, place)| self.check_page(&index, page, place)).collect();
-            result.problems.extend(found);
-            done += batch.len() as u64;
+        for batch in runs(tasks).chunks(BATCH) {
+            result.problems.extend(self.check_runs(&index, batch));
+            done += batch.iter().map(|run| run.pages.len() as u64).sum::<u64>();
             progress(done, result.pages);
         }
         result
     }
 
-    fn check_page(&self, index: &IndexForest, id: PageId, place: Place) -> Vec<Problem> {
-        let page = match self.load(id, place) {
+    fn check_runs(&self, index: &IndexForest, runs: &[Run]) -> Vec<Problem> {
+        let ranges: Vec<PageRange<'_>> = runs.iter().map(Run::range).collect();
+        let read = self.read_ranges(&ranges);
+        let check = |(run, (range, read)): (&Run, (&PageRange<'_>, &Result<Vec<u8>, StoreError>))| {
+            let bytes = |place| read.as_ref().ok()?.get(range.part(place)?);
+            let pages = run.pages.iter().zip(&run.places);
+            pages.flat_map(|(&page, &place)| self.check_stored(index, page, place, bytes(place))).collect::<Vec<_>>()
+        };
+        runs.par_iter().zip(ranges.par_iter().zip(&read)).flat_map_iter(check).collect()
+    }
+
+    /// `bytes`: where its run could be read; else each page tells for itself.
+    fn check_stored(&self, index: &IndexForest, id: PageId, place: Place, bytes: Option<&[u8]>) -> Vec<Problem> {
+        let read = bytes.map_or_else(|| self.read(id, place).map(Cow::Owned), |bytes| Ok(Cow::Borrowed(bytes)));
+        match read {
+            Ok(bytes) => self.check_page(index, id, place, &bytes),
+            Err(error) => vec![Problem { place: id.cell.to_string(), what: error.to_string() }],
+        }
+    }
+
+    fn check_page(&self, index: &IndexForest, id: PageId, place: Place, bytes: &[u8]) -> Vec<Problem> {
+        let page = match self.decode(id, place, bytes) {
             Ok(page) => page,
             Err(error) => return vec![Problem { place: id.cell.to_string(), what: error.to_string() }],
         };
@@ -86,20 +109,16 @@ impl World {
             Page::Imagery(_) | Page::Segment(_) => {}
             Page::Objects(page, _) => {
                 check_objects(&node, &page, &mut result);
-                self.check_attributes(id, place, page.objects.len(), &mut result);
+                match self.attributes(id, place, bytes) {
+                    Err(error) => result.add(id.cell, error),
+                    Ok(texts) if !texts.is_empty() && texts.len() != page.objects.len() => {
+                        result.add(id.cell, format!("{} attributes for {} objects", texts.len(), page.objects.len()));
+                    }
+                    Ok(_) => {}
+                }
             }
         }
         result.problems
-    }
-
-    fn check_attributes(&self, id: PageId, place: Place, objects: usize, result: &mut Verified) {
-        match self.read(id, place).and_then(|bytes| self.attributes(id, place, &bytes)) {
-            Err(error) => result.add(id.cell, error),
-            Ok(texts) if !texts.is_empty() && texts.len() != objects => {
-                result.add(id.cell, format!("{} attributes for {objects} objects", texts.len()));
-            }
-            Ok(_) => {}
-        }
     }
 
     /// Every byte of a pack belongs to exactly one page, or to none where a change took it away.
@@ -162,6 +181,41 @@ impl World {
             }
         }
     }
+}
+
+/// Pages of a zone that lie end to end; at least one.
+struct Run {
+    pages: Vec<PageId>,
+    places: Vec<Place>,
+}
+
+impl Run {
+    fn range(&self) -> PageRange<'_> {
+        let (first, last) = (self.places[0], self.places[self.places.len() - 1]);
+        let place = Place { offset: first.offset, len: (last.offset - first.offset) as u32 + last.len };
+        PageRange { zone: self.pages[0].cell.zone(), file: PageFile::Pack, place, pages: &self.places }
+    }
+
+    fn goes_on(&self, page: PageId, place: Place) -> bool {
+        let Place { offset, len } = self.range().place;
+        let is_next = self.pages[0].cell.zone() == page.cell.zone() && offset + u64::from(len) == place.offset;
+        is_next && u64::from(len) + u64::from(place.len) <= RUN_BYTES
+    }
+}
+
+fn runs(mut pages: Vec<(PageId, Place)>) -> Vec<Run> {
+    pages.sort_by_key(|(page, place)| (page.cell.zone(), place.offset));
+    let mut runs: Vec<Run> = Vec::new();
+    for (page, place) in pages {
+        match runs.last_mut().filter(|run| run.goes_on(page, place)) {
+            Some(run) => {
+                run.pages.push(page);
+                run.places.push(place);
+            }
+            None => runs.push(Run { pages: vec![page], places: vec![place] }),
+        }
+    }
+    runs
 }
 
 /// The pages of a node.

@@ -65,8 +65,11 @@ pub(super) fn fetch_all(
     fetched.collect()
 }
 
-/// What was read for each page: of a run that was read as one, gaps too.
+/// What was read for each page: of a run that was read as one, gaps too; nothing where it did not come.
 fn count_bytes(fetched: &Fetched, parts: &mut [Part]) {
+    if matches!(fetched, Fetched::Failed(_)) {
+        return;
+    }
     let mut end = None;
     for part in parts.iter_mut().filter(|part| !part.is_cancelled) {
         let start = part.place.offset;
@@ -91,8 +94,9 @@ impl Part {
             Fetched::OneByOne => guarded(page, || reader.load(page, place)),
             Fetched::Failed(error) => Err(error.clone()),
         };
-        let outcome = loaded.map_or_else(Outcome::Failed, Outcome::Loaded);
-        Delivery { page, place, outcome, read_bytes: self.read_bytes }
+        // What is broken came.
+        let read_bytes = if matches!(loaded, Err(ReadError::Failed(_))) { 0 } else { self.read_bytes };
+        Delivery { page, place, outcome: loaded.map_or_else(Outcome::Failed, Outcome::Loaded), read_bytes }
     }
 }
 
