@@ -15,10 +15,11 @@ use stoop::camera::{Pose, View};
 use stoop::content::{PageFile, PageId, PageKind};
 use stoop::engine::{Engine, EngineParams, FrameReport, FrameRequest, Mode, Source};
 use stoop::forest::Zone;
-use stoop::forest::index::{IndexTree, Place};
+use stoop::forest::index::Place;
 use stoop::geodesy::Geodetic;
 use stoop::store::{DiskCache, OpenOptions, PageRange, StoreError, World};
 use stoop::units::ByteSize;
+use towns::pages;
 use web::{Manners, Web};
 
 /// Longer than any machine needs for what a test waits for.
@@ -52,17 +53,6 @@ fn served() -> (Web, PathBuf) {
     let web = Web::serve(worlds());
     let url = web.url("one");
     (web, url)
-}
-
-fn pages(world: &World) -> Vec<(PageId, Place)> {
-    let mut found = Vec::new();
-    for node in world.index().trees().flat_map(IndexTree::nodes) {
-        let mut add = |kind, place| found.push((PageId { cell: node.cell(), kind }, place));
-        node.terrain().into_iter().for_each(|terrain| add(PageKind::Terrain, terrain.place));
-        node.imagery().into_iter().for_each(|place| add(PageKind::Imagery, place));
-        node.objects().for_each(|o| add(PageKind::Objects { collection: o.collection, rep: o.rep }, o.place));
-    }
-    found
 }
 
 /// Some page of the first town.

@@ -10,12 +10,12 @@ use std::time::{Duration, Instant};
 use stoop::camera::{Pose, View};
 use stoop::content::{ObjectPage, Page, PageId, PageKind};
 use stoop::engine::{Engine, EngineParams, FrameRequest, Live, Mode, Pace, Source};
-use stoop::forest::index::{IndexTree, Place};
+use stoop::forest::index::IndexTree;
 use stoop::geodesy::Geodetic;
 use stoop::render::Renderer;
 use stoop::select::CollectionSet;
 use stoop::store::{StoreError, World, bookmarks, finest_terrain};
-use towns::{make, make_of, set, sources};
+use towns::{make, make_of, pages, set, sources};
 
 fn picture(path: &Path, color: [u8; 3]) {
     image::RgbImage::from_pixel(64, 32, image::Rgb(color)).save(path).unwrap();
@@ -53,17 +53,6 @@ fn two() -> (tempfile::TempDir, Vec<Arc<World>>) {
         Arc::new(World::open(&folder.path().join(name)).unwrap())
     });
     (folder, worlds.to_vec())
-}
-
-fn pages(world: &World) -> Vec<(PageId, Place)> {
-    let mut found = Vec::new();
-    for node in world.index().trees().flat_map(IndexTree::nodes) {
-        let mut add = |kind, place| found.push((PageId { cell: node.cell(), kind }, place));
-        node.terrain().into_iter().for_each(|terrain| add(PageKind::Terrain, terrain.place));
-        node.imagery().into_iter().for_each(|place| add(PageKind::Imagery, place));
-        node.objects().for_each(|o| add(PageKind::Objects { collection: o.collection, rep: o.rep }, o.place));
-    }
-    found
 }
 
 fn objects(world: &World, collection: u8) -> Vec<Arc<ObjectPage>> {

@@ -5,9 +5,11 @@
 use std::fs;
 use std::path::Path;
 use std::sync::atomic::{AtomicBool, Ordering};
+use stoop::content::{PageId, PageKind};
+use stoop::forest::index::{IndexTree, Place};
 use stoop::prepare::Recipe;
 use stoop::prepare::pipeline::{BuildOptions, Control, build};
-use stoop::store::Manifest;
+use stoop::store::{Manifest, World};
 use stoop::units::ByteSize;
 
 /// A square of `side_deg` that holds a height.
@@ -103,4 +105,16 @@ pub fn make(folder: &Path, out: &Path, sets: &str) -> Manifest {
 pub fn make_of(folder: &Path, out: &Path, text: &str) -> Manifest {
     let options = BuildOptions { out: out.to_owned(), root: None, memory: ByteSize(64 << 20), replace: true };
     watched(&|| true, |control| build(&recipe(folder, text), &options, control)).unwrap()
+}
+
+/// All pages of a world, and where they lie.
+pub fn pages(world: &World) -> Vec<(PageId, Place)> {
+    let mut found = Vec::new();
+    for node in world.index().trees().flat_map(IndexTree::nodes) {
+        let mut add = |kind, place| found.push((PageId { cell: node.cell(), kind }, place));
+        node.terrain().into_iter().for_each(|terrain| add(PageKind::Terrain, terrain.place));
+        node.imagery().into_iter().for_each(|place| add(PageKind::Imagery, place));
+        node.objects().for_each(|o| add(PageKind::Objects { collection: o.collection, rep: o.rep }, o.place));
+    }
+    found
 }
