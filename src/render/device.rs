@@ -30,7 +30,7 @@ pub enum RenderError {
     Size(u32, u32, u32),
 }
 
-/// What is drawn indirectly is written by this module alone: nothing needs to look at it again in each frame.
+/// What is drawn indirectly is written by this module alone: no pass needs to look at it again in each frame.
 pub(super) fn instance_flags() -> wgpu::InstanceFlags {
     wgpu::InstanceFlags::default() - wgpu::InstanceFlags::VALIDATION_INDIRECT_CALL
 }
@@ -43,6 +43,8 @@ pub(super) struct Gpu {
     pub adapter_name: String,
     /// Whether the processor draws.
     pub is_software: bool,
+    /// Whether what is drawn indirectly can number its instances.
+    pub numbers_indirectly: bool,
     /// Of the colour pictures: sRGB, 8 bits a channel.
     pub color_format: wgpu::TextureFormat,
     failure: Arc<Mutex<Option<String>>>,
@@ -96,7 +98,10 @@ impl Gpu {
         });
         let adapter_name = format!("{} ({:?})", info.name, info.backend);
         let is_software = info.device_type == wgpu::DeviceType::Cpu;
-        Ok(Self { device, queue, adapter_name, is_software, color_format, failure, lost })
+        // Direct3D tells shaders such numbers by the pass alone that `instance_flags` leaves out.
+        let numbers_indirectly =
+            info.backend != wgpu::Backend::Dx12 && device.features().contains(wgpu::Features::INDIRECT_FIRST_INSTANCE);
+        Ok(Self { device, queue, adapter_name, is_software, numbers_indirectly, color_format, failure, lost })
     }
 
     /// Whether textures of a format can be drawn from.

@@ -15,8 +15,7 @@ impl RunCalls {
     const BYTES_FIRST: u64 = 16 << 10;
 
     pub fn new(gpu: &Gpu) -> Self {
-        let can = gpu.device.features().contains(wgpu::Features::INDIRECT_FIRST_INSTANCE);
-        Self { buffer: can.then(|| Self::allocate(gpu, Self::BYTES_FIRST)) }
+        Self { buffer: gpu.numbers_indirectly.then(|| Self::allocate(gpu, Self::BYTES_FIRST)) }
     }
 
     fn allocate(gpu: &Gpu, size: u64) -> wgpu::Buffer {
