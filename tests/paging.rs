@@ -3,7 +3,7 @@
 
 mod made_up;
 
-use made_up::{dive_world, page};
+use made_up::{dive_world, outcome, page};
 use proptest::prelude::*;
 use std::collections::{BTreeMap, BTreeSet};
 use std::sync::Arc;
@@ -13,8 +13,8 @@ use stoop::content::{Page, PageId, PageKind};
 use stoop::forest::index::Place;
 use stoop::forest::{CellId, Zone};
 use stoop::paging::{
-    Command, Completion, Delivery, Event, Gate, InlineServer, Limits, ManagerError, Outcome, PageCounts, PageReader,
-    PageServer, PageState, RangeRead, ReadError, RequestManager, ServerLimits, SlowReader, Stall, ThreadedServers,
+    Command, Completion, Delivery, Event, Gate, InlineServer, Limits, ManagerError, PageCounts, PageReader, PageServer,
+    PageState, RangeRead, ReadError, RequestManager, ServerLimits, SlowReader, Stall, ThreadedServers,
     least_footprint_bytes,
 };
 use stoop::select::{Demand, Urgency};
@@ -447,18 +447,6 @@ fn drain(server: &mut dyn PageServer) -> Vec<Delivery> {
     }
     deliveries.sort_by_key(|delivery| delivery.page);
     deliveries
-}
-
-fn outcome(delivery: &Delivery) -> &'static str {
-    match &delivery.outcome {
-        Outcome::Loaded(page) => {
-            assert_eq!(page.id(), delivery.page);
-            "loaded"
-        }
-        Outcome::Failed(ReadError::Failed(_)) => "failed",
-        Outcome::Failed(ReadError::Broken(_)) => "broken",
-        Outcome::Cancelled => "cancelled",
-    }
 }
 
 #[test]

@@ -3,15 +3,15 @@
 
 mod made_up;
 
-use made_up::page;
+use made_up::{outcome, page};
 use std::sync::{Arc, Mutex};
 use std::time::Duration;
 use stoop::content::{Page, PageFile, PageId, PageKind};
 use stoop::forest::index::Place;
 use stoop::forest::{CellId, Zone};
 use stoop::paging::{
-    Delivery, Gate, InlineServer, Outcome, PageReader, PageRun, PageServer, RangeRead, ReadError, ServerLimits,
-    SlowReader, ThreadedServers,
+    Delivery, Gate, InlineServer, PageReader, PageRun, PageServer, RangeRead, ReadError, ServerLimits, SlowReader,
+    ThreadedServers,
 };
 
 const LEN: u32 = 1000;
@@ -93,16 +93,7 @@ fn drain(server: &mut dyn PageServer) -> Vec<(u32, &'static str, u64)> {
 }
 
 fn tell(delivery: &Delivery) -> (u32, &'static str, u64) {
-    let outcome = match &delivery.outcome {
-        Outcome::Loaded(page) => {
-            assert_eq!(page.id(), delivery.page);
-            "loaded"
-        }
-        Outcome::Failed(ReadError::Failed(_)) => "failed",
-        Outcome::Failed(ReadError::Broken(_)) => "broken",
-        Outcome::Cancelled => "cancelled",
-    };
-    (delivery.page.cell.xy().0, outcome, delivery.read_bytes)
+    (delivery.page.cell.xy().0, outcome(delivery), delivery.read_bytes)
 }
 
 const MIXED: [PageKind; 4] = [PageKind::Terrain, PageKind::Imagery, OBJECTS, PageKind::Terrain];

@@ -14,6 +14,7 @@ use stoop::content::{
 use stoop::forest::index::{IndexForest, IndexTree, NodeInfo, ObjectsEntry, Place, TerrainEntry};
 use stoop::forest::{CellId, Zone};
 use stoop::geodesy::{Geodetic, SEMI_MAJOR_M};
+use stoop::paging::{Delivery, Outcome, ReadError};
 
 /// Lengths of stored pages, bytes.
 pub const TERRAIN_LEN: u32 = 3_000;
@@ -200,4 +201,17 @@ pub fn view(lat_deg: f64, lon_deg: f64, height_m: f64, heading_deg: f64, pitch_d
     let eye = Geodetic::from_degrees(lat_deg, lon_deg, height_m);
     let pose = Pose { eye, heading_rad: heading_deg.to_radians(), pitch_rad: pitch_deg.to_radians() };
     View::new(pose, 60f64.to_radians(), [640, 360])
+}
+
+/// What became of a page, in a word; a page that came is the one asked for.
+pub fn outcome(delivery: &Delivery) -> &'static str {
+    match &delivery.outcome {
+        Outcome::Loaded(page) => {
+            assert_eq!(page.id(), delivery.page);
+            "loaded"
+        }
+        Outcome::Failed(ReadError::Failed(_)) => "failed",
+        Outcome::Failed(ReadError::Broken(_)) => "broken",
+        Outcome::Cancelled => "cancelled",
+    }
 }

@@ -69,7 +69,9 @@ impl EntryName {
     }
 
     pub fn covers(&self, offset: u64, len: u32) -> bool {
-        self.offset <= offset && offset + u64::from(len) <= self.offset + u64::from(self.len)
+        // A file's name may tell any numbers.
+        let end = |offset: u64, len: u32| offset.saturating_add(len.into());
+        self.offset <= offset && end(offset, len) <= end(self.offset, self.len)
     }
 }
 
