@@ -9,6 +9,7 @@ pub mod content;
 pub mod engine;
 pub mod forest;
 pub mod geodesy;
+pub mod layout;
 pub mod paging;
 #[cfg(feature = "prepare")]
 pub mod prepare;

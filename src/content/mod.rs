@@ -49,16 +49,25 @@ pub enum PageKind {
     Segment,
 }
 
-/// Which of a zone's files a page lies in.
+/// Which file a page is read from: one of its zone's, or the single-seek layout that is flown by.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub enum PageFile {
     Pack,
     Index,
+    Layout,
 }
 
+/// Where the places of a layout begin; packs and indexes end before. A page has a place in the layout beside its own.
+pub const LAYOUT_AT: u64 = 1 << 62;
+
 impl PageKind {
-    pub fn file(self) -> PageFile {
-        if self == Self::Segment { PageFile::Index } else { PageFile::Pack }
+    /// The file that a page's place lies in.
+    pub fn file_of(self, place: Place) -> PageFile {
+        match self {
+            _ if place.offset >= LAYOUT_AT => PageFile::Layout,
+            Self::Segment => PageFile::Index,
+            _ => PageFile::Pack,
+        }
     }
 }
 

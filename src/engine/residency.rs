@@ -297,7 +297,7 @@ impl Residency {
 
     /// `read_bytes`: up to the page's end.
     fn count_read(&mut self, page: PageId, place: Place, read_bytes: u64) {
-        let (zone, file) = (page.cell.zone(), page.kind.file());
+        let (zone, file) = (page.cell.zone(), page.kind.file_of(place));
         let end = place.offset + u64::from(place.len);
         self.traffic.bytes_read += read_bytes;
         self.traffic.seeks += u64::from(self.last_read != Some((zone, file, end.saturating_sub(read_bytes))));

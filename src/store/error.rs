@@ -55,6 +55,8 @@ pub enum StoreError {
     Page { file: PathBuf, page: PageId, offset: u64, fault: PageFault },
     #[error("{}: {cause}; copy the file again, or prepare the world again", .file.display())]
     Pack { file: PathBuf, cause: String },
+    #[error("{}: {cause}; prepare the layout again, or fly without --layout", .file.display())]
+    Layout { file: PathBuf, cause: String },
     #[error("{}: the disk is full; nothing was kept: make room and start again", .0.display())]
     DiskFull(PathBuf),
     #[error("{}: there is a world already; name another directory, or ask to replace it", .0.display())]

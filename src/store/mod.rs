@@ -4,6 +4,7 @@
 //! world.json     the manifest
 //! index/ZZ.idx   the index tree of zone ZZ, 00 to 31
 //! packs/ZZ.pack  its pages
+//! layouts/NAME.seek  pages once more, for flights without seeks
 //! ```
 //! What `stoop-prepare --into` adds later lies beside them; see `additions.rs`. All words are little-endian; every section and page carries magic, version and an xxh3 checksum.
 
@@ -25,6 +26,7 @@ mod objects;
 mod pack;
 mod remote;
 mod seat;
+mod seek;
 mod site;
 mod stack;
 mod terrain;
@@ -48,6 +50,7 @@ pub use objects::{
 };
 pub use pack::{PageRange, PageSource};
 pub use remote::{Address, REQUEST_LIMIT, SCHEMES};
+pub use seek::{LAYOUT_BLOCK_BYTES, LAYOUT_HEAD_MAX_BYTES, OpenLayout, layout_blocks, layout_place, write_layout};
 pub use stack::STACK_WORLDS_MAX;
 pub use terrain::{HEIGHT_STEP_MIN_M, decode_terrain, encode_terrain, height_step_m};
 pub use verify::{Problem, Verified};

@@ -7,10 +7,11 @@ use super::{index, map};
 use crate::content::PageFile;
 use crate::forest::Zone;
 use crate::forest::index::{Place, SharedBytes, aligned};
+use std::collections::BTreeMap;
 use std::fs::{self, File};
 use std::io;
 use std::path::{Path, PathBuf};
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
 use xxhash_rust::xxh3::xxh3_64;
 
 const MAGIC: [u8; 4] = *b"STPK";
@@ -73,6 +74,8 @@ pub trait PageSource: Send + Sync {
         match range.file {
             PageFile::Pack => self.read(range.zone, range.place),
             PageFile::Index => self.read_index(range.zone, range.place),
+            // Which of the layouts, the world knows.
+            PageFile::Layout => Err(no_layout(&self.pack_name(range.zone))),
         }
     }
 
@@ -101,6 +104,16 @@ pub trait PageSource: Send + Sync {
         None
     }
 
+    /// The bytes of a place in a file that lies beside the packs and that no zone has; no fewer and no more.
+    fn read_beside(&self, name: &str, _place: Place) -> Result<Vec<u8>, StoreError> {
+        Err(no_layout(Path::new(name)))
+    }
+
+    /// Length of such a file.
+    fn beside_len(&self, name: &str) -> Result<u64, StoreError> {
+        Err(no_layout(Path::new(name)))
+    }
+
     /// Length of a zone's pack, its header included.
     fn pack_len(&self, zone: Zone) -> Result<u64, StoreError>;
 
@@ -125,11 +138,17 @@ pub trait PageSource: Send + Sync {
     fn index_name(&self, zone: Zone) -> PathBuf;
 }
 
+fn no_layout(file: &Path) -> StoreError {
+    StoreError::Layout { file: file.to_owned(), cause: "this world cannot have layouts".into() }
+}
+
 /// The files of a directory; each is opened as its first page is read.
 pub(super) struct LocalPacks {
     dir: PathBuf,
     packs: [Vec<LocalPack>; Zone::COUNT],
     indexes: [LocalIndex; Zone::COUNT],
+    /// Files beside them by name.
+    beside: Mutex<BTreeMap<String, Arc<File>>>,
 }
 
 /// One of the packs of a zone.
@@ -154,7 +173,7 @@ impl LocalPacks {
         let zones: Vec<Zone> = Zone::all().collect();
         let packs = std::array::from_fn(|at| LocalPack::all(dir, zones[at], additions));
         let indexes = std::array::from_fn(|at| LocalIndex::new(dir, zones[at], additions));
-        Self { dir: dir.to_owned(), packs, indexes }
+        Self { dir: dir.to_owned(), packs, indexes, beside: Mutex::default() }
     }
 
     /// What it begins with is checked by who reads its table.
@@ -168,6 +187,21 @@ impl LocalPacks {
             read_at(file, 0, &mut head).map_err(|error| index_cut_short(path, error))?;
             index.check(&head)
         })
+    }
+
+    fn beside(&self, name: &str) -> Result<Arc<File>, StoreError> {
+        // Entries come, and are whole.
+        let mut beside = self.beside.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(file) = beside.get(name) {
+            return Ok(file.clone());
+        }
+        let path = self.dir.join(name);
+        let file = Arc::new(File::open(&path).map_err(|error| match error.kind() {
+            io::ErrorKind::NotFound => StoreError::Layout { file: path, cause: "there is no such layout".into() },
+            _ => StoreError::io(&path, error),
+        })?);
+        beside.insert(name.to_owned(), file.clone());
+        Ok(file)
     }
 
     fn part(&self, zone: Zone, offset: u64) -> Option<(usize, &LocalPack)> {
@@ -312,6 +346,20 @@ impl PageSource for LocalPacks {
             || (self.pack_name(zone), place.offset),
             |(_, pack)| (pack.path.clone(), place.offset - pack.start),
         )
+    }
+
+    fn read_beside(&self, name: &str, place: Place) -> Result<Vec<u8>, StoreError> {
+        let mut bytes = vec![0; place.len as usize];
+        let path = || self.dir.join(name);
+        read_at(&*self.beside(name)?, place.offset, &mut bytes).map_err(|error| match error.kind() {
+            io::ErrorKind::UnexpectedEof => StoreError::Layout { file: path(), cause: "it is cut short".into() },
+            _ => StoreError::io(&path(), error),
+        })?;
+        Ok(bytes)
+    }
+
+    fn beside_len(&self, name: &str) -> Result<u64, StoreError> {
+        Ok(self.beside(name)?.metadata().map_err(|error| StoreError::io(&self.dir.join(name), error))?.len())
     }
 
     fn read_index(&self, zone: Zone, place: Place) -> Result<Vec<u8>, StoreError> {

@@ -4,15 +4,17 @@ use super::error::StoreError;
 use super::index::{self, Extent};
 use super::manifest::Manifest;
 use super::pack::{MemoryPacks, PageRange, PageSource};
+use super::seek::SeekFile;
 use super::site::{Site, Told};
 use super::stack::{self, Stack, StackSource, Stacked};
 use super::{DiskCache, PageFault, PrismPage, decode_attributes, decode_page, decode_prisms, frame};
-use crate::content::{Page, PageId, PageKind};
+use crate::content::{LAYOUT_AT, Page, PageFile, PageId, PageKind};
 use crate::forest::index::{IndexForest, IndexTree, Place, Segment};
 use crate::forest::{CellId, Zone};
 use rayon::prelude::*;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
+use xxhash_rust::xxh3::xxh3_64;
 
 /// The name of the manifest in a world's directory.
 pub const MANIFEST_FILE: &str = "world.json";
@@ -34,6 +36,10 @@ pub struct World {
     source: Box<dyn PageSource>,
     /// Of several worlds over one another: whose pages they are.
     stack: Option<Arc<Stack>>,
+    /// xxh3 of the manifest's text: what was made for another build tells another one.
+    build: u64,
+    /// The layout that is open.
+    pub(super) layout: Option<SeekFile>,
 }
 
 /// How a world is opened.
@@ -98,16 +104,18 @@ impl World {
             file: manifest_file.clone(),
             cause: format!("{zone} is no zone"),
         })?;
+        let build = xxh3_64(told.text());
         let source = told.source(&manifest);
         let index = open_index(&*source, &zones, options.resident_max_bytes)?;
-        Ok(Self { name: site.name(), manifest, index, source, stack: None })
+        Ok(Self { name: site.name(), manifest, index, source, stack: None, build, layout: None })
     }
 
     /// A world of trees and of files by zone (headers included), all in memory; see [`super::MemoryWriter`].
     pub(super) fn from_memory(manifest: Manifest, trees: Vec<IndexTree>, files: MemoryPacks) -> Self {
         let mut index = IndexForest::default();
         trees.into_iter().for_each(|tree| index.insert(tree));
-        Self { name: "memory".into(), manifest, index, source: Box::new(files), stack: None }
+        let source = Box::new(files);
+        Self { name: "memory".into(), manifest, index, source, stack: None, build: 0, layout: None }
     }
 
     /// Worlds over one another, as one. Each terrain page and picture is that of the first world that has it, and the
@@ -127,7 +135,8 @@ impl World {
         let Stacked { manifest, index, stack } = stack::stack(worlds, before)?;
         let stack = Arc::new(stack);
         let name = worlds.first().map_or_else(PathBuf::new, |world| world.name.clone());
-        Ok(Self { name, manifest, index, source: Box::new(StackSource(stack.clone())), stack: Some(stack) })
+        let source = Box::new(StackSource(stack.clone()));
+        Ok(Self { name, manifest, index, source, stack: Some(stack), build: 0, layout: None })
     }
 
     /// The same world with its index opened anew: whole, if its files have no more bytes than this, else its top.
@@ -165,6 +174,11 @@ impl World {
         open_index(&*self.source, &zones, u64::MAX)
     }
 
+    /// Tells this build of the world from others.
+    pub fn build(&self) -> u64 {
+        self.build
+    }
+
     pub(super) fn source(&self) -> &dyn PageSource {
         &*self.source
     }
@@ -176,19 +190,29 @@ impl World {
 
     /// The stored bytes of a page: one read, unchecked; [`World::decode`] checks them. Segments lie in the index files.
     pub fn read(&self, page: PageId, place: Place) -> Result<Vec<u8>, StoreError> {
-        match page.kind {
-            PageKind::Segment => self.source.read_index(page.cell.zone(), place),
-            _ => self.source.read(page.cell.zone(), place),
+        let zone = page.cell.zone();
+        match page.kind.file_of(place) {
+            PageFile::Index => self.source.read_index(zone, place),
+            PageFile::Pack => self.source.read(zone, place),
+            PageFile::Layout => self.read_layout(place),
         }
     }
 
     /// The stored bytes of a run of pages: one read, unchecked.
     pub fn read_range(&self, range: &PageRange<'_>) -> Result<Vec<u8>, StoreError> {
-        self.source.read_range(range)
+        if range.file == PageFile::Layout { self.read_layout(range.place) } else { self.source.read_range(range) }
+    }
+
+    fn read_layout(&self, place: Place) -> Result<Vec<u8>, StoreError> {
+        let none = || StoreError::Layout { file: self.name.clone(), cause: "no layout is open".into() };
+        self.layout.as_ref().ok_or_else(none)?.read(self, place)
     }
 
     /// Several runs, at once where that is faster than one after the other; in their order.
     pub fn read_ranges(&self, ranges: &[PageRange<'_>]) -> Vec<Result<Vec<u8>, StoreError>> {
+        if ranges.iter().any(|range| range.file == PageFile::Layout) {
+            return ranges.iter().map(|range| self.read_range(range)).collect();
+        }
         self.source.read_ranges(ranges)
     }
 
@@ -245,7 +269,10 @@ impl World {
     }
 
     pub(super) fn page_error(&self, page: PageId, place: Place, fault: PageFault) -> StoreError {
-        let (file, offset) = self.source.file_of(page.cell.zone(), place);
+        let (file, offset) = match &self.layout {
+            Some(layout) if place.offset >= LAYOUT_AT => layout.locate(self, place),
+            _ => self.source.file_of(page.cell.zone(), place),
+        };
         if let PageFault::FutureVersion(found) = fault {
             return StoreError::FutureVersion { file, found: u32::from(found), supported: u32::from(frame::VERSION) };
         }

@@ -27,7 +27,14 @@ impl RangeRead {
         let offset = pages.first().map_or(0, |page| page.1.offset);
         let end = pages.last().map_or(0, |page| end(page.1));
         let first = run[0].page;
-        Self { id, zone: first.cell.zone(), file: first.kind.file(), offset, len: (end - offset) as u32, pages }
+        Self {
+            id,
+            zone: first.cell.zone(),
+            file: first.kind.file_of(pages[0].1),
+            offset,
+            len: (end - offset) as u32,
+            pages,
+        }
     }
 
     /// The part of it that reaches from the first to the last of some of its pages; `None` where there are none.
@@ -36,15 +43,18 @@ impl RangeRead {
         Some(Self { offset, len: (end - offset) as u32, pages, ..*self })
     }
 
-    /// A number for the file that the range lies in: packs of the zones, then their indexes.
+    /// A number for the file that the range lies in: packs of the zones, then their indexes, then the layout.
     pub fn file_number(&self) -> u32 {
-        let first = if self.file == PageFile::Index { Zone::COUNT } else { 0 };
-        (first + self.zone.index()) as u32
+        match self.file {
+            PageFile::Pack => self.zone.index() as u32,
+            PageFile::Index => (Zone::COUNT + self.zone.index()) as u32,
+            PageFile::Layout => 2 * Zone::COUNT as u32,
+        }
     }
 
     /// A single page.
     pub fn of_page(id: u64, page: PageId, place: Place) -> Self {
-        let (zone, file) = (page.cell.zone(), page.kind.file());
+        let (zone, file) = (page.cell.zone(), page.kind.file_of(place));
         Self { id, zone, file, offset: place.offset, len: place.len, pages: vec![(page, place)] }
     }
 }
@@ -55,7 +65,7 @@ fn end(place: Place) -> u64 {
 
 /// Which file a page lies in, then where; pages at the same place are apart all the same.
 fn position(demand: &Demand) -> ((Zone, PageFile), u64, PageId) {
-    ((demand.page.cell.zone(), demand.page.kind.file()), demand.place.offset, demand.page)
+    ((demand.page.cell.zone(), demand.page.kind.file_of(demand.place)), demand.place.offset, demand.page)
 }
 
 /// What is due waits for what is read before it: that is no more than a run's length divided by this.

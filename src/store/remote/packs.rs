@@ -34,6 +34,8 @@ pub(in crate::store) struct RemotePacks {
     indexes: Vec<(RemoteFile, Option<String>)>,
     /// First bytes of index files by zone, while the world is being opened.
     starts: Mutex<HashMap<Zone, Vec<u8>>>,
+    /// Files beside them by name.
+    beside: Mutex<HashMap<String, Arc<RemoteFile>>>,
 }
 
 /// A range to be asked of a file.
@@ -53,7 +55,7 @@ impl RemotePacks {
     ) -> Self {
         let packs = Zone::all().map(|zone| packs(zone, additions)).collect();
         let indexes = Zone::all().map(|zone| index_file(zone, additions)).collect();
-        Self { client, shelf, manifest, packs, indexes, starts: Mutex::default() }
+        Self { client, shelf, manifest, packs, indexes, starts: Mutex::default(), beside: Mutex::default() }
     }
 
     fn server(&self) -> Server<'_> {
@@ -69,6 +71,8 @@ impl RemotePacks {
         match file {
             PageFile::Pack => &self.packs[zone.index()],
             PageFile::Index => std::slice::from_ref(self.index(zone)),
+            // No zone has one.
+            PageFile::Layout => &[],
         }
     }
 
@@ -182,6 +186,11 @@ impl RemotePacks {
         }
     }
 
+    fn beside(&self, name: &str) -> Arc<RemoteFile> {
+        let mut beside = self.beside.lock().unwrap_or_else(PoisonError::into_inner);
+        beside.entry(name.to_owned()).or_insert_with(|| Arc::new(RemoteFile::new(name.to_owned(), 0, None))).clone()
+    }
+
     fn starts(&self) -> MutexGuard<'_, HashMap<Zone, Vec<u8>>> {
         // Single entries come and go; what a thread that failed left is whole.
         self.starts.lock().unwrap_or_else(PoisonError::into_inner)
@@ -271,6 +280,19 @@ impl PageSource for RemotePacks {
         let (error, shelf) = (self.manifest.as_ref().err()?, self.shelf.as_ref()?);
         let folder = shelf.folder();
         Some(format!("{error}; opened from the cache in {}, as it was when it was last read", folder.display()))
+    }
+
+    fn read_beside(&self, name: &str, place: Place) -> Result<Vec<u8>, StoreError> {
+        let (file, mut kept) = (self.beside(name), None);
+        file.load(self.server(), &[place], |_, found| kept = Some(found.to_vec()));
+        match kept {
+            Some(kept) => Ok(kept),
+            None => file.fetch(self.server(), Kind::Pages, place.offset..place.offset + u64::from(place.len)),
+        }
+    }
+
+    fn beside_len(&self, name: &str) -> Result<u64, StoreError> {
+        self.beside(name).len(self.server())
     }
 
     fn pack_len(&self, zone: Zone) -> Result<u64, StoreError> {

@@ -1,0 +1,215 @@
+//! Flying by a layout: which run to read when, what to keep, what to leave to the packs. Pure.
+
+use super::grid::NavCell;
+use super::head::Layout;
+use crate::camera::View;
+use crate::content::{PageId, PageKind};
+use crate::forest::index::Place;
+use crate::geodesy::Geodetic;
+use crate::select::{Demand, Urgency};
+use std::collections::HashSet;
+use std::sync::Arc;
+
+/// Cells ahead whose runs are fetched before they are entered.
+const AHEAD_MAX: usize = 2;
+
+/// Gains of what is kept: beyond any page of a policy's forecast, and the cell's own beyond what is fetched ahead.
+const KEEP_GAIN: f64 = 1e12;
+const AHEAD_GAIN: f64 = 1e11;
+
+/// Pages to be read in one go from the layout's file.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Run {
+    /// With their places in the file, ascending.
+    pub pages: Vec<(PageId, Place)>,
+    pub cause: RunCause,
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum RunCause {
+    Crossing,
+    Ahead,
+    Entry,
+}
+
+/// What a step found.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Ride {
+    pub runs: Vec<Run>,
+    /// Whether a border was crossed to an adjacent cell in this step.
+    pub crossed: bool,
+}
+
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, serde::Serialize)]
+pub struct RideCounts {
+    /// Moves to an adjacent cell.
+    pub crossings: u64,
+    /// Moves to any other cell, by diagonals and jumps, and entries at cells that have no run of their own: there the packs
+    /// serve.
+    pub fallbacks: u64,
+    /// Runs that were fetched ahead.
+    pub ahead: u64,
+    pub entries: u64,
+}
+
+/// Follows an eye through a layout.
+pub struct Rider {
+    layout: Arc<Layout>,
+    at: Option<NavCell>,
+    set: HashSet<PageId>,
+    ahead: HashSet<PageId>,
+    /// Transitions that were asked for ahead: from, to.
+    asked: Vec<(NavCell, NavCell)>,
+    /// Until all of the cell's set has come: after a move that no run was made for.
+    is_settling: bool,
+    counts: RideCounts,
+}
+
+impl Rider {
+    pub fn new(layout: Arc<Layout>) -> Self {
+        Self {
+            layout,
+            at: None,
+            set: HashSet::new(),
+            ahead: HashSet::new(),
+            asked: Vec::new(),
+            is_settling: false,
+            counts: RideCounts::default(),
+        }
+    }
+
+    pub fn layout(&self) -> &Layout {
+        &self.layout
+    }
+
+    pub fn counts(&self) -> RideCounts {
+        self.counts
+    }
+
+    /// The cell that the eye is in; `None` where the packs alone serve.
+    pub fn cell(&self) -> Option<NavCell> {
+        self.at
+    }
+
+    /// Goes on to a view at tolerances; `ahead` are the next places of the eye, as far as they are foretold, and `is_held`
+    /// tells what is resident or on its way.
+    pub fn step(
+        &mut self,
+        view: &View,
+        (tolerance_px, threshold_px): (f64, f64),
+        ahead: &[Geodetic],
+        is_held: &dyn Fn(PageId) -> bool,
+    ) -> Ride {
+        let suits = self.layout.params.suffice(view, tolerance_px, threshold_px);
+        let now = self.layout.grid.locate(view.pose.eye).filter(|_| suits);
+        let mut ride = Ride::default();
+        if now != self.at {
+            self.go_to(now, is_held, &mut ride);
+        }
+        self.is_settling = self.is_settling && self.set.iter().any(|&page| !is_held(page));
+        match now {
+            Some(cell) if !self.is_settling => self.look_ahead(cell, ahead, is_held, &mut ride),
+            _ => self.ahead.clear(),
+        }
+        ride
+    }
+
+    fn go_to(&mut self, now: Option<NavCell>, is_held: &dyn Fn(PageId) -> bool, ride: &mut Ride) {
+        let before = std::mem::replace(&mut self.at, now);
+        self.set = now.map(|cell| self.layout.set(cell).into_iter().collect()).unwrap_or_default();
+        self.asked.retain(|(from, _)| Some(*from) == now);
+        let Some(now) = now else { return };
+        let adjacent = before.filter(|&before| self.layout.grid.direction(before, now).is_some());
+        if let Some(before) = adjacent {
+            self.counts.crossings += 1;
+            ride.crossed = true;
+            ride.runs.extend(run(self.layout.run(before, now), RunCause::Crossing, is_held));
+            return;
+        }
+        self.is_settling = true;
+        match self.layout.entry(now).and_then(|pages| run(pages, RunCause::Entry, is_held)) {
+            Some(entry) => {
+                self.counts.entries += 1;
+                ride.runs.push(entry);
+            }
+            None => self.counts.fallbacks += 1,
+        }
+    }
+
+    /// Fetches the runs of the next cells on the way, as far as each is adjacent to the one before.
+    fn look_ahead(&mut self, cell: NavCell, eyes: &[Geodetic], is_held: &dyn Fn(PageId) -> bool, ride: &mut Ride) {
+        self.ahead.clear();
+        let mut way = vec![cell];
+        for next in eyes.iter().filter_map(|&eye| self.layout.grid.locate(eye)) {
+            let last = way[way.len() - 1];
+            if next == last {
+                continue;
+            }
+            if way.len() > AHEAD_MAX || self.layout.grid.direction(last, next).is_none() {
+                break;
+            }
+            let pages = self.layout.run(last, next);
+            self.ahead.extend(pages.iter().map(|(page, _)| *page));
+            if !self.asked.contains(&(last, next)) {
+                self.asked.push((last, next));
+                if let Some(run) = run(pages, RunCause::Ahead, is_held) {
+                    self.counts.ahead += 1;
+                    ride.runs.push(run);
+                }
+            }
+            way.push(next);
+        }
+        // What was asked for ahead of a way that was given up may be asked for again.
+        self.asked.retain(|pair| way.windows(2).any(|step| (step[0], step[1]) == *pair));
+    }
+
+    /// A frame's demands as the layout has them: its cell's pages are kept, those of the next cells too; what is in
+    /// neither is not asked for, as far as it is not held, for it is hidden or stood in for. What `runs` are about to bring
+    /// is left out. Outside of the layout demands stay as they are.
+    pub fn demands(
+        &self,
+        demands: Vec<Demand>,
+        runs: &[Run],
+        is_held: &dyn Fn(PageId) -> bool,
+        place: &dyn Fn(PageId) -> Option<Place>,
+    ) -> Vec<Demand> {
+        if self.at.is_none() {
+            return demands;
+        }
+        let coming: HashSet<PageId> = runs.iter().flat_map(|run| &run.pages).map(|(page, _)| *page).collect();
+        let is_ours = |page: PageId| self.set.contains(&page) || self.ahead.contains(&page);
+        let stays = |demand: &Demand| {
+            let page = demand.page;
+            let is_asked = match demand.urgency {
+                Urgency::Blocking => true,
+                Urgency::Visible => page.kind == PageKind::Segment || is_ours(page) || is_held(page),
+                // Ahead of the eye the layout reads, and nothing else.
+                Urgency::Predicted => is_ours(page) && is_held(page),
+            };
+            is_asked && !coming.contains(&page)
+        };
+        let mut kept: Vec<Demand> = demands.into_iter().filter(stays).collect();
+        let known: HashSet<PageId> = kept.iter().map(|demand| demand.page).collect();
+        let more = self
+            .set
+            .iter()
+            .map(|page| (*page, KEEP_GAIN))
+            .chain(self.ahead.iter().filter(|page| !self.set.contains(page)).map(|page| (*page, AHEAD_GAIN)));
+        let wanted = more.filter(|&(page, _)| {
+            let is_wanted = is_held(page) || (self.is_settling && self.set.contains(&page));
+            is_wanted && !known.contains(&page) && !coming.contains(&page)
+        });
+        let mut more: Vec<Demand> = wanted
+            .filter_map(|(page, gain)| Some(Demand { page, place: place(page)?, urgency: Urgency::Predicted, gain }))
+            .collect();
+        more.sort_by_key(|demand| demand.page);
+        kept.extend(more);
+        kept
+    }
+}
+
+/// From the first to the last page that is not held; `None` where all are.
+fn run(pages: Vec<(PageId, Place)>, cause: RunCause, is_held: &dyn Fn(PageId) -> bool) -> Option<Run> {
+    let pages: Vec<(PageId, Place)> = pages.into_iter().filter(|(page, _)| !is_held(*page)).collect();
+    (!pages.is_empty()).then_some(Run { pages, cause })
+}
