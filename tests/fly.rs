@@ -183,14 +183,6 @@ fn stoop(arguments: &[&str]) -> (i32, String) {
 }
 
 #[test]
-fn flags_of_later_versions_are_refused_in_one_line() {
-    let (code, said) = stoop(&["fly", "world", "--path", "path.json", "--layout", "streets"]);
-    assert_eq!(code, 2, "{said}");
-    assert!(said.contains("not supported by this version") && said.contains("--layout"), "{said}");
-    assert_eq!(said.lines().count(), 1, "{said}");
-}
-
-#[test]
 fn wrong_usage_is_told_in_one_line() {
     for arguments in [
         &["fly"][..],

@@ -1,5 +1,8 @@
 //! `stoop-prepare`: source files → world.
 
+#[path = "prepare/layouts.rs"]
+mod layouts;
+
 use anyhow::Context;
 use clap::Parser;
 use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
@@ -30,6 +33,16 @@ Keys of a recipe (lengths in metres), besides name:
   [[elevation]] vertical layer feather_m clamp_m prune_error_m finest_error_m
   [[imagery]]   bounds_deg feather_m heights texel_m (of a painted .osm.pbf)
   [[buildings]] name height base vertical levels default_height min_height roof color id attributes
+
+  [[layout]]    name collection region_deg altitude_bands_m tolerance_px viewport_h_px
+                storage max_redundancy side_m
+
+A [[layout]] is a single-seek layout for stoop fly --layout NAME: cells over the ground
+by bands of altitude, and for each step from one to the next all that it adds in one
+run. The side of the cells is the knee of redundancy against waiting by the storage
+model, unless side_m tells it; the curve is printed. Where the layout would gain too
+little, or take more than max_redundancy times the bytes of its pages, none is written
+and the reason is said. A recipe of layouts alone makes them for a world with --into.
 
 With --into objects stand on the world's own finest terrain. New pages and indexes
 go into new files, and the manifest that names them is renamed into place last: a
@@ -76,7 +89,8 @@ fn main() -> std::process::ExitCode {
         Ok(()) => std::process::ExitCode::SUCCESS,
         Err(error) => {
             let build = error.downcast_ref::<BuildError>();
-            let stopped = build.is_some_and(|error| matches!(error, BuildError::Stopped(_)));
+            let stopped =
+                build.is_some_and(|error| matches!(error, BuildError::Stopped(_))) || error.is::<layouts::Stopped>();
             // The library's messages are whole; those of the program are chains.
             let is_whole = build.is_some() || error.is::<PrepareError>();
             let message = if is_whole { error.to_string() } else { format!("{error:#}") };
@@ -112,9 +126,14 @@ fn run(args: &Args) -> anyhow::Result<()> {
         on_done: &|done| shown.done(done),
         on_note: &|note| shown.note(note),
     };
-    let manifest = prepare(args, &recipe, &control)?;
-    shown.finish(&manifest, started.elapsed());
-    Ok(())
+    let ((Some(world), _) | (None, Some(world))) = (&args.into, &args.out) else {
+        anyhow::bail!("name the world to be written with --out, or the one to be changed with --into");
+    };
+    if recipe.has_sources() || args.into.is_none() {
+        let manifest = prepare(args, &recipe, &control)?;
+        shown.finish(&manifest, started.elapsed());
+    }
+    layouts::build(&recipe, world, &shown, &stop)
 }
 
 fn prepare(args: &Args, recipe: &Recipe, control: &Control) -> anyhow::Result<Manifest> {
@@ -153,9 +172,7 @@ impl Shown {
     }
 
     fn done(&self, done: &StageDone) {
-        if let Ok(mut bars) = self.by_stage.lock() {
-            bars.drain().for_each(|(_, bar)| bar.finish_and_clear());
-        }
+        self.clear();
         if self.json {
             let mut line = serde_json::json!(done);
             line["event"] = "stage".into();
@@ -178,6 +195,12 @@ impl Shown {
             println!("{}", serde_json::json!({ "event": "note", "message": note }));
         } else {
             self.line(&format!("note: {note}"));
+        }
+    }
+
+    fn clear(&self) {
+        if let Ok(mut bars) = self.by_stage.lock() {
+            bars.drain().for_each(|(_, bar)| bar.finish_and_clear());
         }
     }
 

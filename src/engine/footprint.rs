@@ -46,11 +46,14 @@ pub struct Reading {
     pub mode: Mode,
     /// Whether reads go over a network.
     pub is_remote: bool,
+    /// What the layout that is flown by takes in memory.
+    pub layout_bytes: u64,
 }
 
 impl Reading {
     pub fn of(mode: Mode, source: &Source) -> Self {
-        Self { mode, is_remote: source.reader.is_remote() }
+        let layout_bytes = source.layout.as_ref().map_or(0, |layout| layout.byte_len() as u64);
+        Self { mode, is_remote: source.reader.is_remote(), layout_bytes }
     }
 
     pub fn threads_per_layer(self) -> usize {
@@ -123,13 +126,14 @@ fn world_image_bytes(index: &IndexForest) -> u64 {
     if has_pictures { Renderer::world_image_bytes() } else { 0 }
 }
 
-/// Decoders' workspace, and in live runs what picking keeps.
+/// Decoders' workspace, in live runs what picking keeps, and the layout that is flown by.
 fn scratch_bytes(reading: Reading) -> u64 {
     let servers = LAYERS * reading.threads_per_layer() as u64;
-    match reading.mode {
+    let scratch = match reading.mode {
         Mode::Live => servers * SCRATCH_PER_SERVER_BYTES + PICK_MESH_BYTES_MAX as u64,
         Mode::LockStep | Mode::Settled => SCRATCH_PER_SERVER_BYTES,
-    }
+    };
+    scratch + reading.layout_bytes
 }
 
 #[cfg(test)]
@@ -142,7 +146,7 @@ mod tests {
     fn shares_add_up_and_the_least_footprint_is_the_least() {
         let index = IndexForest::default();
         for is_remote in [false, true] {
-            let reading = Reading { mode: Mode::Live, is_remote };
+            let reading = Reading { mode: Mode::Live, is_remote, layout_bytes: 0 };
             let least = match Partition::new(ByteSize(1 << 20), reading, &index) {
                 Err(EngineError::FootprintTooSmall { least, .. }) => least,
                 other => panic!("{other:?}"),
@@ -159,7 +163,7 @@ mod tests {
     #[test]
     fn no_run_is_longer_than_a_request_or_a_servers_scratch() {
         for (mode, is_remote) in [(Mode::Live, true), (Mode::Settled, true), (Mode::Live, false)] {
-            let limits = Reading { mode, is_remote }.limits(1.0 / 60.0);
+            let limits = Reading { mode, is_remote, layout_bytes: 0 }.limits(1.0 / 60.0);
             let longest = u64::from(limits.run_bytes).min(limits.bytes_in_flight);
             assert!(longest <= REQUEST_BYTES_MAX && 2 * longest <= SCRATCH_PER_SERVER_BYTES, "{limits:?}");
             let together = if mode == Mode::Settled { RUNS_AT_ONCE as u64 * longest } else { longest };

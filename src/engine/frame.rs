@@ -8,6 +8,7 @@ use super::scene::{Scene, timed};
 use super::surroundings::{DrawnGround, PickCache};
 use super::{EngineError, EngineParams, FrameRequest, Mode, Partition, Reading};
 use crate::camera::View;
+use crate::layout::RideCounts;
 use crate::paging::{FrameReport, FrameTimings, KnownWay, Totals};
 use crate::render::{DrawOptions, FrameStats, RenderError, Renderer};
 use crate::select::{OutOfView, Selection};
@@ -99,6 +100,11 @@ impl Engine {
     /// Tells the way of the eye from now on, on the clock of the frames, for what may know it; or that it is not known.
     pub fn set_way(&mut self, known: Option<KnownWay>) {
         self.scene.set_way(known);
+    }
+
+    /// What went on along the layout; `None` where none is flown by.
+    pub fn ride_counts(&self) -> Option<RideCounts> {
+        self.scene.ride_counts()
     }
 
     /// The list that the last frame drew.

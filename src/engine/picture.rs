@@ -30,6 +30,11 @@ impl<'a> LastPicture<'a> {
         self.renderer.read_depth_m()
     }
 
+    /// What an id stands for; `None` for the sky.
+    pub fn resolve_id(&self, id: u32) -> Option<IdOf> {
+        self.renderer.resolve_id(id)
+    }
+
     /// What an id stands for, for the legend beside a picture.
     pub fn describe_id(&self, id: u32) -> serde_json::Value {
         match self.renderer.resolve_id(id) {

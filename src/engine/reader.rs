@@ -2,6 +2,7 @@
 
 use crate::content::{Page, PageId};
 use crate::forest::index::{IndexForest, Place};
+use crate::layout::Layout;
 use crate::paging::{OneByOne, PageReader, PageRun, RangeRead, ReadError};
 use crate::store::{Manifest, PageRange, StoreError, World};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
@@ -12,11 +13,25 @@ pub struct Source {
     pub manifest: Arc<Manifest>,
     pub index: IndexForest,
     pub reader: Arc<dyn PageReader>,
+    /// What is flown by, where the world has it and it is open.
+    pub layout: Option<Arc<Layout>>,
 }
 
 impl Source {
     pub fn of(world: World) -> Self {
         Self::shared(&Arc::new(world))
+    }
+
+    /// A world, flown by one of its single-seek layouts. A layout that is broken, or of another build of the world, costs
+    /// nothing but what it would have gained: the packs serve, and the second value says why.
+    pub fn with_layout(mut world: World, name: &str) -> (Self, Option<String>) {
+        let opened = world.open_layout(name).map_err(|error| error.to_string());
+        let layout = opened.and_then(|head| Layout::parse(&head).map_err(|error| error.to_string()));
+        let source = Self::of(world);
+        match layout {
+            Ok(layout) => (Self { layout: Some(Arc::new(layout)), ..source }, None),
+            Err(refused) => (source, Some(refused)),
+        }
     }
 
     /// Worlds over one another; see [`World::stack`].
@@ -30,7 +45,7 @@ impl Source {
     /// The same over a world that others hold too.
     pub fn shared(world: &Arc<World>) -> Self {
         let (manifest, index) = (Arc::new(world.manifest().clone()), world.index().clone());
-        Self { manifest, index, reader: Arc::new(WorldReader(world.clone())) }
+        Self { manifest, index, reader: Arc::new(WorldReader(world.clone())), layout: None }
     }
 }
 

@@ -11,6 +11,7 @@ use crate::cells::LiveTree;
 use crate::content::{Page, PageFile, PageId, PageKind};
 use crate::forest::Zone;
 use crate::forest::index::{IndexForest, Place, Segment};
+use crate::layout::{Ride, Rider, RunCause};
 use crate::paging::{
     Command, Completion, Delivery, Event, InlineServer, Limits, Outcome, PICTURE_GPU_BYTES, PageServer, RangeRead,
     ReadError, RequestManager, ServerLimits, ThreadedServers, Usage, drawn_pages, pinned_demands,
@@ -317,12 +318,24 @@ impl Residency {
 
     /// Tells the request manager what is wanted and passes on its commands; true when a page that `selection` draws
     /// was dropped, so that it must be made again.
-    pub fn manage(&mut self, selection: &Selection, demands: &[Demand], now_s: f64, sink: &mut dyn PageSink) -> bool {
+    /// `rider`, with the runs that it wants, where a layout is flown by.
+    pub fn manage(
+        &mut self,
+        selection: &Selection,
+        demands: &[Demand],
+        ridden: Option<(&mut Rider, &Ride)>,
+        now_s: f64,
+        sink: &mut dyn PageSink,
+    ) -> bool {
         // What is on its way out is no fragmentation: the pool would shrink by it, and more would have to go.
         let stays = self.fragmented_bytes(sink).saturating_sub(sink.usage().leaving);
         let pool = self.partition.pool_bytes(stays);
         self.manager.set_limits(Limits { footprint_bytes: pool, ..self.limits });
-        let orders = self.command(&selection.demands, demands, now_s);
+        let before = self.manager.stats().reads;
+        let mut orders = self.command(&selection.demands, demands, now_s);
+        if let Some((rider, ride)) = ridden {
+            self.start_runs(ride, before, rider, now_s, &mut orders);
+        }
         let drawn: HashSet<PageId> =
             if orders.evict.is_empty() { HashSet::new() } else { drawn_pages(selection).collect() };
         let mut hurt = false;
@@ -337,7 +350,13 @@ impl Residency {
 
     fn command(&mut self, front: &[Demand], demands: &[Demand], now_s: f64) -> Orders {
         let mut orders = Orders::default();
-        for command in self.manager.update_for(front, demands, now_s) {
+        let commands = self.manager.update_for(front, demands, now_s);
+        self.sort(commands, &mut orders);
+        orders
+    }
+
+    fn sort(&mut self, commands: Vec<Command>, orders: &mut Orders) {
+        for command in commands {
             match command {
                 Command::Start(read) => orders.start.push(read),
                 // What is read already comes in, wanted or not.
@@ -346,7 +365,24 @@ impl Residency {
                 Command::Evict(page) => orders.evict.push(page),
             }
         }
-        orders
+    }
+
+    /// Starts what a layout has for this step; `before`: reads before it.
+    fn start_runs(&mut self, ride: &Ride, before: u64, rider: &mut Rider, now_s: f64, orders: &mut Orders) {
+        for run in ride.runs.iter().filter(|run| run.cause != RunCause::Ahead) {
+            let started = self.manager.start_run(&run.pages, now_s);
+            if started.is_cut {
+                rider.note_cut();
+            }
+            self.sort(started.commands, orders);
+        }
+        if ride.crossed {
+            rider.note_reads(self.manager.stats().reads - before);
+        }
+        for run in ride.runs.iter().filter(|run| run.cause == RunCause::Ahead) {
+            let started = self.manager.start_run(&run.pages, now_s);
+            self.sort(started.commands, orders);
+        }
     }
 
     /// Passes reads to the server, the most urgent first, as far as the footprint allows: what was dropped for them may

@@ -6,6 +6,7 @@ use super::residency::Residency;
 use super::sink::PageSink;
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::camera::View;
+use crate::layout::{Ride, RideCounts, Rider, times_ahead_s};
 use crate::paging::{DrawnLevels, DrawnTolerance, Frame, FrameReport, FrameTimings, KnownWay, Lack, Planner, Totals};
 use crate::render::Renderer;
 use crate::select::{Demand, OutOfView, SelectParams, Selection, select_raised};
@@ -29,6 +30,8 @@ pub struct Scene {
     pub residency: Residency,
     out_of_view: OutOfView,
     planner: Planner,
+    /// Where a layout is flown by.
+    rider: Option<Rider>,
     /// Time of the step before, on the flight's clock, seconds.
     stepped_s: Option<f64>,
     tolerance: DrawnTolerance,
@@ -58,6 +61,7 @@ impl Scene {
         let partition = Partition::new(params.footprint, reading, &source.index)?;
         let residency = Residency::new(&params, reading, partition, &source)?;
         Ok(Self {
+            rider: rider(&source, &params),
             source,
             params,
             reading,
@@ -116,8 +120,9 @@ impl Scene {
             let mut selection = timed(&mut timings.select_ms, || self.choose(view));
             would_have_waited.get_or_insert(selection.stats.pages_missing > 0);
             let hurt = timed(&mut timings.manage_ms, || {
-                let demands = self.plan(view, &selection, now_s);
-                self.residency.manage(&selection, &demands, now_s, sink)
+                let (demands, ride) = self.plan(view, &selection, now_s);
+                let ridden = self.rider.as_mut().map(|rider| (rider, &ride));
+                self.residency.manage(&selection, &demands, ridden, now_s, sink)
             });
             if hurt {
                 selection = timed(&mut timings.select_ms, || self.select_at(view, self.tolerance.factor()));
@@ -157,9 +162,9 @@ impl Scene {
 
     /// What to ask for in this step. A settled frame is of no later use, and asks for its front alone; so does one that
     /// reads synchronously.
-    fn plan(&mut self, view: &View, selection: &Selection, now_s: f64) -> Vec<Demand> {
+    fn plan(&mut self, view: &View, selection: &Selection, now_s: f64) -> (Vec<Demand>, Ride) {
         if self.params.mode == Mode::Settled || self.params.sync_reads {
-            return selection.demands.clone();
+            return (selection.demands.clone(), Ride::default());
         }
         let step_s = self.stepped_s.replace(now_s).map_or(0.0, |before_s| (now_s - before_s).clamp(0.0, STEP_MAX_S));
         let frame = Frame {
@@ -172,7 +177,19 @@ impl Scene {
             params: &self.select_params(),
             drawn_tolerance_px: self.params.tolerance_px * self.tolerance.factor(),
         };
-        self.planner.plan(&frame, &selection.demands)
+        let demands = self.planner.plan(&frame, &selection.demands);
+        let Some(rider) = &mut self.rider else { return (demands, Ride::default()) };
+        let (manager, index) = (&self.residency.manager, &self.residency.index);
+        let eyes = self.planner.eyes_ahead(&frame, &times_ahead_s(manager.pace().lead_secs() + step_s));
+        let thresholds = (self.params.tolerance_px, self.params.threshold_px);
+        let ride = rider.step(view, thresholds, &eyes, &|page| manager.is_held(page));
+        let demands = rider.demands(demands, &ride.runs, &|page| manager.is_held(page), &|page| page.place(index));
+        (demands, ride)
+    }
+
+    /// What went on along the layout; `None` where none is flown by.
+    pub fn ride_counts(&self) -> Option<RideCounts> {
+        self.rider.as_ref().map(Rider::counts)
     }
 
     /// Tells the way of the eye from now on, where it is known.
@@ -257,6 +274,9 @@ impl Scene {
         if params.planner != self.params.planner {
             self.planner = Planner::new(&params.planner);
         }
+        if (params.objects, params.hidden) != (self.params.objects, self.params.hidden) {
+            self.rider = rider(&self.source, &params);
+        }
         self.params = EngineParams { mode: self.params.mode, ..params };
         Ok(())
     }
@@ -269,6 +289,7 @@ impl Scene {
         self.residency.set_index(source.index.clone());
         // What was planned and surveyed was so over the old index.
         self.planner = Planner::new(&self.params.planner);
+        self.rider = rider(&source, &self.params);
         self.source = source;
         Ok(())
     }
@@ -294,6 +315,12 @@ impl Scene {
         report.take_measures(selected);
         report
     }
+}
+
+/// Who follows the eye through the source's layout, where there is one and it is made for what is drawn.
+fn rider(source: &Source, params: &EngineParams) -> Option<Rider> {
+    let suits = params.objects == SelectParams::DEFAULT.objects && params.hidden == SelectParams::DEFAULT.hidden;
+    source.layout.clone().filter(|_| suits).map(Rider::new)
 }
 
 /// Runs a stage and adds its time.

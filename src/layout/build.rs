@@ -5,7 +5,7 @@ use super::classes::classes;
 use super::compare::{Crossing, Delays, From, crossing_delays};
 use super::grid::{CELLS_MAX, Direction, NavCell, NavGrid};
 use super::head::{Assembly, Header, LayoutError};
-use super::lemma::lemmas;
+use super::lemma::{Prediction, lemmas};
 use super::order::{LinearOrder, hilbert_order};
 use super::packed::difference;
 use super::sets::{CellSet, Draft, Hidden, Survey};
@@ -28,9 +28,9 @@ const FIRST_SHARE: f64 = 0.25;
 /// No side is tried below this, metres.
 pub const SIDE_MIN_M: f64 = 10.0;
 /// Cells of each band that a point of the curve is made of, with the neighbours to the east, to the north and above.
-const SAMPLES_PER_BAND: usize = 48;
+const SAMPLES_PER_BAND: usize = 128;
 /// The same where pictures are taken for them.
-const SEEN_SAMPLES_PER_BAND: usize = 6;
+const SEEN_SAMPLES_PER_BAND: usize = 2;
 
 #[derive(Debug, thiserror::Error)]
 pub enum BuildError {
@@ -76,13 +76,32 @@ pub struct Built {
     pub verdict: Option<Verdict>,
     /// The least redundancy that was found, where the limit cannot be met.
     pub least_redundancy: Option<f64>,
-    pub hilbert: Option<Delays>,
+    /// What crossings take on each kind of storage, at the side that was taken.
+    pub by_storage: Vec<ByStorage>,
     pub hidden: Hidden,
     pub file: Option<PathBuf>,
     pub file_bytes: u64,
     /// That it takes in memory when it is flown by.
     pub head_bytes: u64,
     pub entries: usize,
+}
+
+/// Crossings on a kind of storage, from a layout and from the linear orders.
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
+pub struct ByStorage {
+    pub storage: &'static str,
+    pub layout: Delays,
+    pub packs: Delays,
+    pub hilbert: Delays,
+    pub verdict: Verdict,
+}
+
+impl ByStorage {
+    fn new(draft: &Draft, storage: StorageModel) -> Self {
+        let [layout, packs, hilbert] =
+            [Linear::No, Linear::Packs, Linear::Hilbert].map(|order| delays(draft, order, storage));
+        Self { storage: storage.name, layout, packs, hilbert, verdict: verdict(&layout, &packs) }
+    }
 }
 
 impl Builder<'_> {
@@ -94,7 +113,7 @@ impl Builder<'_> {
             point: None,
             verdict: None,
             least_redundancy: None,
-            hilbert: None,
+            by_storage: Vec::new(),
             hidden: Hidden::default(),
             file: None,
             file_bytes: 0,
@@ -122,9 +141,9 @@ impl Builder<'_> {
             if self.side_m.is_none() && point.redundancy > self.max_redundancy {
                 continue;
             }
-            let judged = verdict(&point);
+            let judged = verdict(&point.layout, &point.packs);
             (built.point, built.verdict, built.hidden) = (Some(point), Some(judged), draft.hidden);
-            built.hilbert = Some(self.delays(&draft, Linear::Hilbert));
+            built.by_storage = StorageModel::ALL.iter().map(|&storage| ByStorage::new(&draft, storage)).collect();
             if self.side_m.is_some() || matches!(judged, Verdict::Pays { .. }) {
                 self.write(&draft, &mut built)?;
             }
@@ -182,11 +201,9 @@ impl Builder<'_> {
             Some(samples) => sampled(&grid, samples),
             None => grid.cells().collect(),
         };
-        let item = format!("cells of {side_m:.0} m");
-        let told = |done, of| progress(&item, done, of);
         let stopped = std::sync::atomic::AtomicBool::new(false);
-        let watched = |done, of| {
-            let goes_on = told(done, of);
+        let watched = |what: &str, done: usize, of: usize| {
+            let goes_on = progress(&format!("{what} of cells of {side_m:.0} m"), done, of);
             stopped.fetch_or(!goes_on, std::sync::atomic::Ordering::Relaxed);
             goes_on
         };
@@ -214,17 +231,26 @@ impl Builder<'_> {
         let entries: u64 = self.entries(draft).iter().map(|(_, set)| draft.pages.bytes(set)).sum();
         let layout_bytes = mean(stored) * crossings + entries as f64;
         let focal_px = self.params.focal_px / self.params.tolerance_px;
+        let run_bytes = lemmas(&classes(self.world.index(), &draft.pages, focal_px), draft.grid.side_m()).run_bytes;
+        let distinct = draft.distinct_bytes().max(1) as f64;
         CurvePoint {
             side_m: draft.grid.side_m(),
             cells: draft.grid.cell_count() as u64,
             crossings: count,
-            redundancy: layout_bytes / draft.distinct_bytes().max(1) as f64,
+            redundancy: layout_bytes / distinct,
             layout_bytes,
             run_bytes_mean: mean(bytes),
             run_bytes_max: most as f64,
+            set_bytes_max: draft
+                .cells()
+                .filter_map(|cell| draft.set(cell))
+                .map(|set| draft.pages.bytes(set))
+                .max()
+                .unwrap_or(0) as f64,
             layout: self.delays(draft, Linear::No),
             packs: self.delays(draft, Linear::Packs),
-            predicted: lemmas(&classes(self.world.index(), &draft.pages, focal_px), draft.grid.side_m()),
+            // Of a region with borders: as many crossings as it has, over the pages that it needs, those around it too.
+            predicted: Prediction { redundancy: run_bytes * crossings / distinct, run_bytes },
         }
     }
 

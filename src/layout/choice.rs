@@ -17,6 +17,8 @@ pub struct CurvePoint {
     /// Bytes that a crossing reads in the mean and at most.
     pub run_bytes_mean: f64,
     pub run_bytes_max: f64,
+    /// Stored bytes of the largest set: decoded, buildings take some ten to twenty times as much of the footprint.
+    pub set_bytes_max: f64,
     /// By the storage model that the layout is for, from the layout and from the packs.
     pub layout: Delays,
     pub packs: Delays,
@@ -24,15 +26,8 @@ pub struct CurvePoint {
     pub predicted: Prediction,
 }
 
-impl CurvePoint {
-    /// Time spent waiting for each metre of a straight flight in any direction: cells of side a are left every πa/4.
-    pub fn wait_s_per_m(&self) -> f64 {
-        self.layout.mean_s / (std::f64::consts::FRAC_PI_4 * self.side_m)
-    }
-}
-
 /// Whether a layout is worth its bytes.
-#[derive(Clone, Copy, Debug, PartialEq)]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
 pub enum Verdict {
     /// Crossings are faster by this share of the time from the packs, 0 to 1, in the mean and in the worst case.
     Pays { mean: f64, worst: f64 },
@@ -52,9 +47,10 @@ pub enum Choice {
     None { least_redundancy: f64 },
 }
 
-/// The knee of redundancy against waiting: the point of the curve, both in logarithms and scaled to 0 … 1 between its ends,
-/// that lies furthest below the line between those (Satopää et al. 2011, *Finding a "kneedle" in a haystack*); where its
-/// redundancy is beyond the limit, that of the least waiting among those within.
+/// The knee of redundancy against the mean delay of a crossing, which larger cells lower and raise: the point of the curve,
+/// both in logarithms and scaled to 0 … 1 between its ends, that lies furthest below the line between those (Satopää et al.
+/// 2011, *Finding a "kneedle" in a haystack*); where its redundancy is beyond the limit, that of the least delay among those
+/// within.
 pub fn choose(curve: &[CurvePoint], max_redundancy: f64) -> Choice {
     let within = |at: &usize| curve[*at].redundancy <= max_redundancy;
     let all = || 0..curve.len();
@@ -62,13 +58,13 @@ pub fn choose(curve: &[CurvePoint], max_redundancy: f64) -> Choice {
     if let Some(knee) = knee(curve).filter(within) {
         return Choice::At(knee);
     }
-    let best = all().filter(within).min_by(|&a, &b| curve[a].wait_s_per_m().total_cmp(&curve[b].wait_s_per_m()));
+    let best = all().filter(within).min_by(|&a, &b| curve[a].layout.mean_s.total_cmp(&curve[b].layout.mean_s));
     best.map_or(Choice::None { least_redundancy: least }, Choice::At)
 }
 
 fn knee(curve: &[CurvePoint]) -> Option<usize> {
     let points: Vec<(f64, f64)> =
-        curve.iter().map(|point| (point.redundancy.max(1e-9).ln(), point.wait_s_per_m().max(1e-12).ln())).collect();
+        curve.iter().map(|point| (point.redundancy.max(1e-9).ln(), point.layout.mean_s.max(1e-12).ln())).collect();
     let range = |of: &dyn Fn(&(f64, f64)) -> f64| {
         let low = points.iter().map(of).fold(f64::INFINITY, f64::min);
         let high = points.iter().map(of).fold(f64::NEG_INFINITY, f64::max);
@@ -82,11 +78,11 @@ fn knee(curve: &[CurvePoint]) -> Option<usize> {
     (0..points.len()).max_by(|&a, &b| below(a).total_cmp(&below(b)))
 }
 
-/// Whether crossings at a point are so much faster from a layout that it is worth its bytes.
-pub fn verdict(point: &CurvePoint) -> Verdict {
+/// Whether crossings are so much faster from a layout that it is worth its bytes.
+pub fn verdict(layout: &Delays, packs: &Delays) -> Verdict {
     let gain = |layout_s: f64, packs_s: f64| if packs_s > 0.0 { 1.0 - layout_s / packs_s } else { 0.0 };
-    let mean = gain(point.layout.mean_s, point.packs.mean_s);
-    let worst = gain(point.layout.max_s, point.packs.max_s);
+    let mean = gain(layout.mean_s, packs.mean_s);
+    let worst = gain(layout.max_s, packs.max_s);
     if mean.max(worst) >= PAYS_FROM { Verdict::Pays { mean, worst } } else { Verdict::Useless { mean, worst } }
 }
 
@@ -103,6 +99,7 @@ mod tests {
             layout_bytes: 0.0,
             run_bytes_mean: 0.0,
             run_bytes_max: 0.0,
+            set_bytes_max: 0.0,
             layout: Delays { mean_s, max_s: mean_s, ..Delays::default() },
             packs: Delays { mean_s: 0.03, max_s: 0.05, ..Delays::default() },
             predicted: Prediction::default(),
@@ -124,7 +121,8 @@ mod tests {
         assert_eq!(choose(&curve, 18.0), Choice::At(3));
         assert_eq!(choose(&curve, 10.0), Choice::None { least_redundancy: 16.0 });
         assert_eq!(choose(&[], 10.0), Choice::None { least_redundancy: f64::INFINITY });
-        assert!(matches!(verdict(&curve[0]), Verdict::Pays { .. }));
-        assert!(matches!(verdict(&point(25.0, 60.0, 0.05)), Verdict::Useless { .. }));
+        assert!(matches!(verdict(&curve[0].layout, &curve[0].packs), Verdict::Pays { .. }));
+        let slow = point(25.0, 60.0, 0.05);
+        assert!(matches!(verdict(&slow.layout, &slow.packs), Verdict::Useless { .. }));
     }
 }

@@ -182,6 +182,16 @@ impl NavGrid {
         (self.south_rad + row * self.lat_step_rad, self.west_rad + column * self.lon_step_rad)
     }
 
+    pub fn bounds(&self, cell: NavCell) -> GeoBounds {
+        let (south_rad, west_rad) = self.place(cell.column.into(), cell.row.into());
+        GeoBounds {
+            west_rad,
+            south_rad,
+            east_rad: west_rad + self.lon_step_rad,
+            north_rad: south_rad + self.lat_step_rad,
+        }
+    }
+
     /// Columns and rows of a place from the south-west corner.
     fn fractions(&self, lat_rad: f64, lon_rad: f64) -> (f64, f64) {
         ((lon_rad - self.west_rad) / self.lon_step_rad, (lat_rad - self.south_rad) / self.lat_step_rad)

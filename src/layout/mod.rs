@@ -20,14 +20,14 @@ mod sets;
 mod sight;
 mod survey;
 
-pub use build::{BuildError, Builder, Built, Linear, Progress, SIDE_MIN_M, delays};
+pub use build::{BuildError, Builder, Built, ByStorage, Linear, Progress, SIDE_MIN_M, delays};
 pub use choice::{Choice, CurvePoint, PAYS_FROM, Verdict, choose, verdict};
 pub use compare::{Crossing, Delays, From, crossing_delays};
 pub use grid::{Direction, NavCell, NavGrid};
 pub use head::{Layout, LayoutError};
 pub use lemma::{Prediction, RepClass, lemmas};
-pub use order::{LinearOrder, hilbert_order};
-pub use ride::{Ride, RideCounts, Rider, Run, RunCause};
+pub use order::{LinearOrder, hilbert_order, pages_of, reordered};
+pub use ride::{Ride, RideCounts, Rider, Run, RunCause, times_ahead_s};
 pub use sets::{CellSet, Draft, Hidden, Pages, SEEN_BELOW_M, Survey};
 pub use sight::{Seen, Witness};
 pub use survey::{LayoutParams, Viewpoint, directions, octant_fov_rad, octant_px, wanted};

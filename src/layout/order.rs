@@ -1,9 +1,9 @@
 //! Linear orders of pages, without redundancy, to compare layouts with.
 
-use crate::content::PageId;
-use crate::forest::LEVEL_MAX;
-use crate::forest::index::Place;
-use std::collections::HashMap;
+use crate::content::{PageId, PageKind};
+use crate::forest::index::{IndexError, IndexForest, IndexTree, Node, NodeInfo, ObjectsEntry, Place, TerrainEntry};
+use crate::forest::{CellId, LEVEL_MAX};
+use std::collections::{BTreeMap, HashMap};
 
 /// Where pages lie that are stored once each, by page: file and place.
 #[derive(Clone, Debug, Default)]
@@ -28,6 +28,51 @@ pub fn hilbert_order(pages: &[(PageId, Place)]) -> LinearOrder {
         (page, (0, place))
     };
     LinearOrder(keyed.into_iter().map(place).collect())
+}
+
+/// All pages that an index in memory tells of, those of packs alone.
+pub fn pages_of(index: &IndexForest) -> Vec<(PageId, Place)> {
+    index.trees().flat_map(IndexTree::nodes).flat_map(|node| pages_at(&node)).collect()
+}
+
+fn pages_at(node: &Node<'_>) -> Vec<(PageId, Place)> {
+    let page = |kind| PageId { cell: node.cell(), kind };
+    let terrain = node.terrain().map(|entry| (page(PageKind::Terrain), entry.place));
+    let imagery = node.imagery().map(|place| (page(PageKind::Imagery), place));
+    let objects = node
+        .objects()
+        .map(|entry| (page(PageKind::Objects { collection: entry.collection, rep: entry.rep }), entry.place));
+    terrain.into_iter().chain(imagery).chain(objects).collect()
+}
+
+/// The same index, whole in memory, over pages in another order.
+pub fn reordered(index: &IndexForest, order: &LinearOrder) -> Result<IndexForest, IndexError> {
+    let place = |cell, kind, old: Place| order.0.get(&PageId { cell, kind }).map_or(old, |(_, place)| *place);
+    let mut moved = IndexForest::default();
+    for tree in index.trees() {
+        let info = |node: Node<'_>| {
+            let cell = node.cell();
+            let objects = |entry: ObjectsEntry| {
+                let kind = PageKind::Objects { collection: entry.collection, rep: entry.rep };
+                ObjectsEntry { place: place(cell, kind, entry.place), ..entry }
+            };
+            let terrain =
+                |entry: TerrainEntry| TerrainEntry { place: place(cell, PageKind::Terrain, entry.place), ..entry };
+            let info = NodeInfo {
+                terrain: node.terrain().map(terrain),
+                imagery: node.imagery().map(|old| place(cell, PageKind::Imagery, old)),
+                height_range_m: node.height_range_m(),
+                dimension_m: node.dimension_m(),
+                reach_m: node.reach_m(),
+                objects: node.objects().map(objects).collect(),
+                below: node.objects_below().collect(),
+            };
+            (cell, info)
+        };
+        let nodes: BTreeMap<CellId, NodeInfo> = tree.nodes().map(info).collect();
+        moved.insert(IndexTree::build(tree.zone(), &nodes)?);
+    }
+    Ok(moved)
 }
 
 /// Bits of each coordinate.

@@ -45,11 +45,21 @@ pub struct RideCounts {
     /// Moves to an adjacent cell.
     pub crossings: u64,
     /// Moves to any other cell, by diagonals and jumps, and entries at cells that have no run of their own: there the packs
-    /// serve.
+    /// serve; and runs for which there was no room.
     pub fallbacks: u64,
     /// Runs that were fetched ahead.
     pub ahead: u64,
     pub entries: u64,
+    /// Most reads that a frame began in which a border was crossed, those ahead of later crossings left out.
+    pub crossing_seeks_max: u64,
+}
+
+/// How far ahead of the eye runs are looked for, in times of what a page takes from being asked for to being there.
+const LEADS: [f64; 4] = [1.0, 2.0, 3.0, 4.0];
+
+/// Times from now at which the next places of the eye are asked for, when a page takes `lead_s`; seconds.
+pub fn times_ahead_s(lead_s: f64) -> [f64; 4] {
+    LEADS.map(|leads| leads * lead_s)
 }
 
 /// Follows an eye through a layout.
@@ -114,6 +124,16 @@ impl Rider {
         ride
     }
 
+    /// Told of a step that crossed a border: how many reads it began, those ahead of later crossings left out.
+    pub fn note_reads(&mut self, reads: u64) {
+        self.counts.crossing_seeks_max = self.counts.crossing_seeks_max.max(reads);
+    }
+
+    /// Told of a crossing's or an entry's run that was left out in part for lack of room.
+    pub fn note_cut(&mut self) {
+        self.counts.fallbacks += 1;
+    }
+
     fn go_to(&mut self, now: Option<NavCell>, is_held: &dyn Fn(PageId) -> bool, ride: &mut Ride) {
         let before = std::mem::replace(&mut self.at, now);
         self.set = now.map(|cell| self.layout.set(cell).into_iter().collect()).unwrap_or_default();
@@ -163,9 +183,9 @@ impl Rider {
         self.asked.retain(|pair| way.windows(2).any(|step| (step[0], step[1]) == *pair));
     }
 
-    /// A frame's demands as the layout has them: its cell's pages are kept, those of the next cells too; what is in
-    /// neither is not asked for, as far as it is not held, for it is hidden or stood in for. What `runs` are about to bring
-    /// is left out. Outside of the layout demands stay as they are.
+    /// A frame's demands as the layout has them: its cell's pages are kept, those of the next cells too. Once all of the
+    /// cell's are held or coming, what is in neither is not asked for: it is hidden, or finer pages stand in for it. What
+    /// `runs` are about to bring is left out. Outside of the layout demands stay as they are.
     pub fn demands(
         &self,
         demands: Vec<Demand>,
@@ -177,12 +197,13 @@ impl Rider {
             return demands;
         }
         let coming: HashSet<PageId> = runs.iter().flat_map(|run| &run.pages).map(|(page, _)| *page).collect();
+        let is_complete = self.set.iter().all(|page| is_held(*page) || coming.contains(page));
         let is_ours = |page: PageId| self.set.contains(&page) || self.ahead.contains(&page);
         let stays = |demand: &Demand| {
             let page = demand.page;
             let is_asked = match demand.urgency {
                 Urgency::Blocking => true,
-                Urgency::Visible => page.kind == PageKind::Segment || is_ours(page) || is_held(page),
+                Urgency::Visible => !is_complete || page.kind == PageKind::Segment || is_ours(page) || is_held(page),
                 // Ahead of the eye the layout reads, and nothing else.
                 Urgency::Predicted => is_ours(page) && is_held(page),
             };

@@ -5,7 +5,8 @@ use super::packed::difference;
 use super::sight::{Seen, Witness};
 use super::survey::{LayoutParams, Viewpoint, wanted};
 use crate::content::{PageId, PageKind};
-use crate::forest::index::{IndexForest, Place};
+use crate::forest::index::{IndexForest, Node, Place};
+use crate::geodesy::GeoBounds;
 use crate::select::STAND_IN_LEVELS;
 use rayon::prelude::*;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
@@ -99,14 +100,14 @@ fn viewpoints(cell: NavCell) -> [At; 5] {
 
 impl Draft {
     /// The sets of cells. Where `witness` is given, what it does not see from a cell's viewpoints is left out of those in
-    /// bands that end at most [`SEEN_BELOW_M`] above ground. `progress` is told of cells done and of all, and stops the
-    /// work with `false`.
+    /// bands that end at most [`SEEN_BELOW_M`] above ground. `progress` is told of what is being done, of steps done and of
+    /// all, and stops the work with `false`.
     pub fn new(
         survey: &Survey<'_>,
         grid: NavGrid,
         cells: &[NavCell],
         witness: &mut Option<Box<dyn Witness>>,
-        progress: &(dyn Fn(usize, usize) -> bool + Sync),
+        progress: &(dyn Fn(&str, usize, usize) -> bool + Sync),
     ) -> Result<Self, String> {
         let asked: BTreeSet<At> = cells.iter().flat_map(|&cell| viewpoints(cell)).collect();
         let done = std::sync::atomic::AtomicUsize::new(0);
@@ -114,7 +115,8 @@ impl Draft {
             .par_iter()
             .map(|&at| {
                 let count = done.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
-                progress(count, asked.len()).then(|| (at, wanted(survey.index, &survey.params, &viewpoint(&grid, at))))
+                progress("needs", count, asked.len())
+                    .then(|| (at, wanted(survey.index, &survey.params, &viewpoint(&grid, at))))
             })
             .collect();
         let surveyed = surveyed.ok_or_else(|| "stopped".to_owned())?;
@@ -126,9 +128,15 @@ impl Draft {
             sets.insert(grid.number(cell), set);
         }
         let hidden = match witness {
-            Some(witness) => leave_out_hidden(&grid, cells, &mut sets, &mut **witness)?,
+            Some(witness) => leave_out_hidden(&grid, cells, &mut sets, &mut **witness, progress)?,
             None => Hidden::default(),
         };
+        // Frames ask for the ground under the eye before all else, whatever they see of it.
+        for &cell in cells {
+            if let Some(set) = sets.get_mut(&grid.number(cell)) {
+                add_ground(survey.index, &grid.bounds(cell), set);
+            }
+        }
         if survey.paged_index {
             sets.values_mut().for_each(|set| add_segments(survey.index, set));
         }
@@ -209,9 +217,14 @@ fn leave_out_hidden(
     cells: &[NavCell],
     sets: &mut BTreeMap<usize, BTreeMap<PageId, Place>>,
     witness: &mut dyn Witness,
+    progress: &(dyn Fn(&str, usize, usize) -> bool + Sync),
 ) -> Result<Hidden, String> {
     let (mut hidden, mut views) = (Hidden::default(), HashMap::<(u32, u32, u32), Seen>::new());
-    for &cell in cells.iter().filter(|cell| grid.band_m(cell.band).1 <= SEEN_BELOW_M) {
+    let low: Vec<NavCell> = cells.iter().copied().filter(|cell| grid.band_m(cell.band).1 <= SEEN_BELOW_M).collect();
+    for (done, &cell) in low.iter().enumerate() {
+        if !progress("sights", done, low.len()) {
+            return Err("stopped".to_owned());
+        }
         let mut seen = Seen::default();
         for (x, y) in places(cell) {
             let view = match views.entry((x, y, cell.band)) {
@@ -235,6 +248,16 @@ fn leave_out_hidden(
         }
     }
     Ok(hidden)
+}
+
+/// All terrain over a cell, from the zone's root down.
+fn add_ground(index: &IndexForest, bounds: &GeoBounds, set: &mut BTreeMap<PageId, Place>) {
+    let mut open: Vec<Node<'_>> = index.trees().map(|tree| tree.root()).collect();
+    while let Some(node) = open.pop() {
+        let Some(terrain) = node.terrain().filter(|_| node.cell().bounds().intersects(bounds)) else { continue };
+        set.insert(PageId { cell: node.cell(), kind: PageKind::Terrain }, terrain.place);
+        open.extend(node.children());
+    }
 }
 
 fn add_segments(index: &IndexForest, set: &mut BTreeMap<PageId, Place>) {

@@ -76,10 +76,17 @@ pub fn wanted(index: &IndexForest, params: &LayoutParams, viewpoint: &Viewpoint)
         threshold_px: params.threshold_px * exact / FINER,
         ..SelectParams::DEFAULT
     };
+    let plain =
+        SelectParams { tolerance_px: FINER * select.tolerance_px, threshold_px: FINER * select.threshold_px, ..select };
     let cells = LiveTree::default();
     let mut pages = BTreeMap::new();
     for pose in directions(viewpoint.eye) {
         let view = View::new(pose, octant_fov_rad(), [side_px; 2]);
+        // What is far is wanted as views want it: finer cells of it may lie behind the horizon.
+        survey(index, &cells, &view, &plain, plain.tolerance_px, |region| {
+            let front = region.chain.get(region.front).filter(|_| region.kind != PageKind::Segment);
+            pages.extend(front.map(|rep| (rep.page(), rep.place)));
+        });
         survey(index, &cells, &view, &select, select.tolerance_px, |region| {
             if let Some(rep) = nearer(region, params, viewpoint.reach_m, view.focal_px()) {
                 pages.insert(rep.page(), rep.place);

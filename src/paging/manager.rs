@@ -19,7 +19,7 @@ pub use runs::RangeRead;
 use super::estimate::{Estimator, largest_bytes};
 use super::order::{is_front, ranked};
 use super::pace::Pace;
-use crate::content::{PageId, PageKind};
+use crate::content::{LAYOUT_AT, PageId, PageKind};
 use crate::forest::index::{IndexForest, Place};
 use crate::select::{Demand, Urgency};
 use crate::units::ByteSize;
@@ -50,6 +50,14 @@ pub enum Command {
     Start(RangeRead),
     Cancel(PageId),
     Evict(PageId),
+}
+
+/// What became of a run of a layout.
+#[derive(Clone, Debug, PartialEq)]
+pub struct RunStart {
+    pub commands: Vec<Command>,
+    /// Some of its pages were left out for lack of room.
+    pub is_cut: bool,
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -371,17 +379,21 @@ impl RequestManager {
             places -= usize::from(fits);
             fits
         });
+        commands.push(self.note_run(&run, now_secs));
+    }
+
+    fn note_run(&mut self, run: &[Demand], now_secs: f64) -> Command {
         let read = self.next_read;
         self.next_read += 1;
-        for demand in &run {
+        for demand in run {
             self.note_start(demand, read, now_secs);
         }
         self.reads.insert(read, run.len());
         self.pace.note_start(now_secs);
         self.counts.reads += 1;
-        let range = RangeRead::new(read, &run);
+        let range = RangeRead::new(read, run);
         self.read_credit -= i64::from(range.len);
-        commands.push(Command::Start(range));
+        Command::Start(range)
     }
 
     fn note_start(&mut self, demand: &Demand, read: u64, now_secs: f64) {
@@ -401,6 +413,36 @@ impl RequestManager {
         } else {
             self.counts.ahead_bytes_started += bytes;
         }
+    }
+
+    /// Starts a run that a single-seek layout has, as one range whatever its length: those of its pages that are neither
+    /// here nor on their way, as far as there is room without dropping what is wanted. Call it after
+    /// [`RequestManager::update`]; `pages` have their places in the layout, ascending.
+    pub fn start_run(&mut self, pages: &[(PageId, Place)], now_secs: f64) -> RunStart {
+        let mut commands = Vec::new();
+        let mut taken: Vec<Demand> = Vec::new();
+        let mut coming_bytes = 0;
+        let missing: Vec<_> = pages.iter().filter(|(page, _)| self.may_start(*page, now_secs)).collect();
+        let wanted = missing.len();
+        for &(page, place) in missing {
+            if self.under_way.len() + taken.len() >= self.limits.pages_in_flight {
+                break;
+            }
+            let bytes = self.estimator.arriving_bytes(page.kind, place);
+            while self.held_bytes() + coming_bytes + bytes > self.plan_bytes()
+                && let Some(page) = self.residents.least_recent()
+            {
+                self.evict(page, &mut commands);
+            }
+            if self.held_bytes() + coming_bytes + bytes <= self.plan_bytes() {
+                coming_bytes += bytes;
+                taken.push(Demand { page, place, urgency: Urgency::Predicted, gain: 0.0 });
+            }
+        }
+        if !taken.is_empty() {
+            commands.push(self.note_run(&taken, now_secs));
+        }
+        RunStart { commands, is_cut: taken.len() < wanted }
     }
 
     fn may_start_more(&self) -> bool {
@@ -459,6 +501,8 @@ impl RequestManager {
                     wanted.asked_at_secs = None;
                 }
             }
+            // The pack has it too, and serves at once.
+            Completion::Failed | Completion::Broken if done.place.offset >= LAYOUT_AT => self.counts.failed += 1,
             Completion::Failed => self.note_failure(event.page, now_secs),
             Completion::Broken => {
                 self.counts.failed += 1;

@@ -9,6 +9,7 @@ use crate::cells::LiveTree;
 use crate::content::{PageId, PageKind};
 use crate::forest::CellId;
 use crate::forest::index::IndexForest;
+use crate::geodesy::Geodetic;
 use crate::select::{Demand, SelectParams, Urgency, ground_demands};
 use std::collections::HashSet;
 
@@ -64,6 +65,16 @@ impl Planner {
     /// Tells the way of the eye from now on, or that it is not known.
     pub fn set_way(&mut self, known: Option<KnownWay>) {
         self.known = known;
+    }
+
+    /// Where the eye will be at times from now, seconds; nowhere for policies that do not look ahead. After
+    /// [`Planner::plan`] of the same frame.
+    pub fn eyes_ahead(&self, frame: &Frame<'_>, times_s: &[f64]) -> Vec<Geodetic> {
+        if !self.policy.looks_ahead() {
+            return Vec::new();
+        }
+        let forecast = self.forecaster.forecast(frame.view, frame.now_s, self.known.clone());
+        times_s.iter().map(|&after_s| forecast.pose(after_s).eye).collect()
     }
 
     /// All demands of a frame whose front is `front`.

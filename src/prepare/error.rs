@@ -26,10 +26,6 @@ pub enum PrepareError {
     /// Readable, but its values make no sense.
     #[error("{file}, {place}: {what}; {remedy}")]
     Value { file: String, place: String, what: String, remedy: String },
-    #[error(
-        "{file}, line {line}: [[{section}]] is not supported yet by this version; take the section out to prepare the rest"
-    )]
-    NotYet { file: String, line: usize, section: &'static str },
 }
 
 impl PrepareError {

@@ -38,7 +38,7 @@ pub use elevation::Elevation;
 pub use error::PrepareError;
 pub use geotiff_write::write_geotiff;
 pub use imagery_source::{PictureSource, Pictures};
-pub use recipe::Recipe;
+pub use recipe::{LayoutSection, Recipe};
 
 /// How far a long job is; called often, from several threads.
 #[derive(Clone, Copy, Debug)]

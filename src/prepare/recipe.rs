@@ -190,19 +190,83 @@ impl ObjectsSection {
     }
 }
 
-/// `[[layout]]`: a single-seek layout; parsed, and refused as not yet supported.
+/// `[[layout]]`: a single-seek layout over a collection, or over a region.
 #[derive(Clone, Debug, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub struct LayoutSection {
+    /// What `--layout` names, and its file is named by.
     pub name: String,
-    pub collection: String,
-    pub altitude_bands_m: Option<Vec<f64>>,
-    pub tolerance_px: Option<f64>,
-    pub viewport_h_px: Option<f64>,
-    pub storage: Option<String>,
-    pub max_redundancy: Option<f64>,
-    pub side_m: Option<f64>,
+    /// Of the collection over whose bounds it is made, unless `region_deg` tells them.
+    pub collection: Option<String>,
+    /// West, south, east, north.
     pub region_deg: Option<[f64; 4]>,
+    /// Heights above ground at which bands of cells begin and end, ascending.
+    #[serde(default = "default_bands_m")]
+    pub altitude_bands_m: Vec<f64>,
+    #[serde(default = "default_tolerance_px")]
+    pub tolerance_px: f64,
+    #[serde(default = "default_viewport_h_px")]
+    pub viewport_h_px: f64,
+    /// The storage model that the side is chosen for; see `--storage` of `stoop fly`.
+    #[serde(default = "default_storage")]
+    pub storage: String,
+    /// Bytes of the layout over the bytes of its pages, at most.
+    #[serde(default = "default_max_redundancy")]
+    pub max_redundancy: f64,
+    /// Side of its cells; without it the knee of the curve.
+    pub side_m: Option<f64>,
+}
+
+fn default_bands_m() -> Vec<f64> {
+    vec![2.0, 50.0, 200.0]
+}
+
+fn default_tolerance_px() -> f64 {
+    1.0
+}
+
+fn default_viewport_h_px() -> f64 {
+    720.0
+}
+
+fn default_storage() -> String {
+    "wan".to_owned()
+}
+
+fn default_max_redundancy() -> f64 {
+    16.0
+}
+
+impl LayoutSection {
+    /// What is wrong with it: the key, and what to do.
+    fn fault(&self) -> Option<(&'static str, String)> {
+        let positive = |value: f64| value > 0.0 && value.is_finite();
+        let bands = &self.altitude_bands_m;
+        if bands.len() < 2 || !bands.is_sorted_by(|a, b| a < b) || !bands.iter().all(|edge| edge.is_finite()) {
+            let what =
+                format!("altitude_bands_m = {bands:?}: write heights above ground, ascending, such as [2, 50, 200]");
+            return Some(("altitude_bands_m", what));
+        }
+        let numbers = [
+            ("tolerance_px", self.tolerance_px),
+            ("viewport_h_px", self.viewport_h_px),
+            ("max_redundancy", self.max_redundancy),
+            ("side_m", self.side_m.unwrap_or(1.0)),
+        ];
+        if let Some((key, value)) = numbers.into_iter().find(|(_, value)| !positive(*value)) {
+            return Some((key, format!("{key} = {value}: write a number above 0")));
+        }
+        match (&self.region_deg, &self.collection) {
+            (Some(bounds), _) if !sound_bounds(bounds) => {
+                Some(("region_deg", format!("region_deg = {bounds:?}: write [west, south, east, north] in degrees")))
+            }
+            (None, None) => Some((
+                "[[layout]]",
+                "a layout needs a `collection`, or a `region_deg` = [west, south, east, north]".into(),
+            )),
+            _ => None,
+        }
+    }
 }
 
 impl Recipe {
@@ -218,7 +282,6 @@ impl Recipe {
         recipe.text = text.to_owned();
         recipe.path = path.to_owned();
         recipe.buildings.extend(recipe.objects.iter().map(ObjectsSection::collection));
-        recipe.refuse_what_is_not_yet()?;
         recipe.check_values()?;
         Ok(recipe)
     }
@@ -233,21 +296,15 @@ impl Recipe {
         self.view.iter().map(ViewSection::to_view).collect()
     }
 
+    /// Whether it names anything that pages are made of; one of layouts alone does not.
+    pub fn has_sources(&self) -> bool {
+        !(self.elevation.is_empty() && self.imagery.is_empty() && self.buildings.is_empty())
+    }
+
     fn check_views(&self) -> Result<(), PrepareError> {
         let Some((offset, what)) = view_section::fault(&self.view) else { return Ok(()) };
         let line = line_at(&self.text, offset);
         Err(PrepareError::Recipe { file: self.path.display().to_string(), line, what })
-    }
-
-    fn refuse_what_is_not_yet(&self) -> Result<(), PrepareError> {
-        let absent = [("layout", self.layout.is_empty())];
-        match absent.into_iter().find(|(_, empty)| !empty) {
-            Some((section, _)) => {
-                let line = line_of(&self.text, &format!("[[{section}]]"));
-                Err(PrepareError::NotYet { file: self.path.display().to_string(), line, section })
-            }
-            None => Ok(()),
-        }
     }
 
     fn check_values(&self) -> Result<(), PrepareError> {
@@ -256,7 +313,7 @@ impl Recipe {
             line: line_of(&self.text, needle),
             what,
         };
-        if self.elevation.is_empty() && self.imagery.is_empty() && self.buildings.is_empty() {
+        if !self.has_sources() && self.layout.is_empty() {
             return Err(bad(
                 "",
                 "holds no sources; add [[elevation]], [[imagery]], [[buildings]] or [[objects]]".into(),
@@ -305,6 +362,9 @@ impl Recipe {
         {
             return Err(bad("error_m = ", "error_m is a length in metres, 0 or more".into()));
         }
+        if let Some((key, what)) = self.layout.iter().find_map(LayoutSection::fault) {
+            return Err(bad(key, what));
+        }
         self.check_names(&bad)?;
         self.check_views()
     }
@@ -316,6 +376,11 @@ impl Recipe {
                     &format!("name = \"{}\"", section.name),
                     format!("two collections are named {:?}; names must differ", section.name),
                 ));
+            }
+        }
+        for (i, section) in self.layout.iter().enumerate() {
+            if self.layout[..i].iter().any(|other| other.name == section.name) {
+                return Err(bad("[[layout]]", format!("two layouts are named {:?}; names must differ", section.name)));
             }
         }
         Ok(())
@@ -442,7 +507,13 @@ mod tests {
                 "name = \"x\"\n[[objects]]\nname=\"t\"\nfile=\"a\"\nplace=\"b\"\n[[buildings]]\nname = \"t\"\nfile = \"c\"",
                 "two collections are named",
             ),
-            ("name = \"x\"\n[[layout]]\nname=\"t\"\ncollection=\"a\"", "line 2: [[layout]] is not supported yet"),
+            ("name = \"x\"\n[[layout]]\nname=\"t\"", "line 2: a layout needs a `collection`"),
+            (
+                "name = \"x\"\n[[layout]]\nname=\"t\"\ncollection=\"a\"\naltitude_bands_m=[50, 2]",
+                "line 5: altitude_bands_m = [50.0, 2.0]: write heights",
+            ),
+            ("name = \"x\"\n[[layout]]\nname=\"t\"\nregion_deg=[3, 1, 2, 4]", "line 4: region_deg"),
+            ("name = \"x\"\n[[layout]]\nname=\"t\"\ncollection=\"a\"\nside_m=0", "line 5: side_m = 0"),
             ("name = \"x\"\n[[layout]]\nname=\"t\"\ncollection=\"a\"\nbands = 3", "unknown key `bands`"),
             ("name = \"x\"\n[[elevation]", "line 2"),
             ("name = \"x\"\n[[view]]\nname = \"a\"\nlon_deg = 1\nlat_deg = 2\nheight_m = 3", "holds no sources"),

@@ -2,6 +2,7 @@
 
 use super::Distribution;
 use crate::engine::{FrameReport, FrameTimings};
+use crate::layout::RideCounts;
 use crate::store::write_whole;
 use serde::Serialize;
 use std::io::Write;
@@ -117,6 +118,8 @@ pub struct FlightLog {
     pub wasted_bytes: u64,
     /// From the opening of the world to the first picture, milliseconds.
     pub first_frame_ms: Option<f64>,
+    /// Along the layout that was flown by.
+    pub ride: Option<RideCounts>,
 }
 
 impl FlightLog {
@@ -158,9 +161,9 @@ impl FlightLog {
             requests: total(|frame| frame.requests),
             cancelled: total(|frame| frame.cancelled),
             failed: total(|frame| frame.failed),
-            crossings: None,
-            crossing_seeks_max: None,
-            layout_fallbacks: None,
+            crossings: self.ride.map(|ride| ride.crossings),
+            crossing_seeks_max: self.ride.map(|ride| ride.crossing_seeks_max),
+            layout_fallbacks: self.ride.map(|ride| ride.fallbacks),
             footprint_limit_bytes: header.footprint_limit_bytes,
             footprint_max_bytes: frames.iter().map(|frame| frame.footprint_bytes).max().unwrap_or(0),
             peak_rss_bytes: super::peak_rss_bytes().filter(|_| !header.is_virtual()),

@@ -1,7 +1,9 @@
 //! Pages for simulated runs, decoded once and shared by all of them.
 
-use crate::content::{ImageryPage, Page, PageId, PageKind};
-use crate::forest::index::{IndexForest, Place};
+use super::run::FIXED_BYTES;
+use crate::content::{ImageryPage, LAYOUT_AT, Page, PageId, PageKind};
+use crate::forest::index::{IndexError, IndexForest, Place};
+use crate::layout::{Layout, LinearOrder, reordered};
 use crate::paging::{PageReader, ReadError};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -12,6 +14,10 @@ pub const CACHE_BYTES_MAX: usize = 2 << 30;
 /// A world to be flown over by virtual clocks, on several threads at once.
 pub struct Library {
     pub index: IndexForest,
+    /// What is flown by.
+    pub layout: Option<Arc<Layout>>,
+    /// The index by which pages are read, where they are told to lie elsewhere.
+    stored: Option<IndexForest>,
     reader: Arc<dyn PageReader>,
     cache: Mutex<Cache>,
 }
@@ -25,7 +31,24 @@ struct Cache {
 impl Library {
     /// `index` as it is when the clock starts.
     pub fn new(index: IndexForest, reader: Arc<dyn PageReader>) -> Self {
-        Self { index, reader, cache: Mutex::default() }
+        Self { index, layout: None, stored: None, reader, cache: Mutex::default() }
+    }
+
+    /// The same, its pages in another order on the storage.
+    pub fn in_order(self, order: &LinearOrder) -> Result<Self, IndexError> {
+        let index = reordered(&self.index, order)?;
+        Ok(Self { stored: Some(self.index), index, ..self })
+    }
+
+    /// The same, flown by a layout.
+    pub fn with_layout(self, layout: Option<Arc<Layout>>) -> Self {
+        Self { layout, ..self }
+    }
+
+    /// What is set aside of the footprint, bytes: index, layout, a decoder's workspace.
+    pub fn fixed_bytes(&self) -> u64 {
+        let layout = self.layout.as_ref().map_or(0, |layout| layout.byte_len() as u64);
+        FIXED_BYTES + self.index.bytes().fixed() as u64 + layout
     }
 
     /// A page as it would be after its arrival. Of pictures only their place is told: nothing asks for their texels.
@@ -36,6 +59,10 @@ impl Library {
         if let Some(known) = self.lock().pages.get(&page) {
             return Ok(known.clone());
         }
+        // Wherever it is told to lie, simulated flights take it from its pack.
+        let stored = self.stored.as_ref().unwrap_or(&self.index);
+        let moved = place.offset >= LAYOUT_AT || self.stored.is_some();
+        let place = if moved { page.place(stored).unwrap_or(place) } else { place };
         let loaded = self.reader.load(page, place)?;
         let mut cache = self.lock();
         if cache.bytes + loaded.byte_len() <= CACHE_BYTES_MAX && cache.pages.insert(page, loaded.clone()).is_none() {

@@ -6,13 +6,14 @@ use crate::camera::{FlightPath, View};
 use crate::cells::LiveTree;
 use crate::content::{Page, PageId, PageKind};
 use crate::forest::index::{IndexForest, Place};
+use crate::layout::{Ride, RideCounts, Rider, Run, RunCause, times_ahead_s};
 use crate::paging::{
     Command, Completion, DrawnLevels, DrawnTolerance, Event, Frame as Seen, FrameReport, Lack, Limits, ManagerError,
     Planner, PlannerParams, PolicyName, RangeRead, ReadError, RequestManager, Totals, Usage, drawn_pages, held_bytes,
     least_footprint_bytes, pinned_demands,
 };
 use crate::select::{Demand, ObjectsMode, SelectParams, Selection, select_raised};
-use crate::storage::{Disk, Faults, PartOutcome, Request, StorageModel};
+use crate::storage::{Counters, Disk, Faults, PartOutcome, Request, StorageModel};
 use crate::units::ByteSize;
 use std::collections::{HashMap, HashSet};
 use std::sync::Arc;
@@ -60,6 +61,11 @@ impl Setup {
             step_s,
             bound: false,
         }
+    }
+
+    /// Whether a layout can be flown by: they are made for what is drawn by default.
+    fn rides(&self) -> bool {
+        self.objects == SelectParams::DEFAULT.objects
     }
 
     fn limits(&self, pool_bytes: u64) -> Limits {
@@ -118,6 +124,8 @@ pub struct Simulation<'a> {
     disk: Disk,
     manager: RequestManager,
     planner: Planner,
+    /// Where a layout is flown by.
+    rider: Option<Rider>,
     cells: LiveTree,
     tolerance: DrawnTolerance,
     usage: Usage,
@@ -137,7 +145,7 @@ const MESSAGES_MAX: usize = 16;
 impl<'a> Simulation<'a> {
     /// Loads the coarsest pages of all zones; the clock starts after that.
     pub fn new(library: &'a Library, setup: Setup) -> Result<Self, SimulationError> {
-        let fixed_bytes = FIXED_BYTES + library.index.bytes().fixed() as u64;
+        let fixed_bytes = library.fixed_bytes();
         let least = Self::least_footprint(&library.index);
         let Some(pool_bytes) = setup.footprint.0.checked_sub(fixed_bytes).filter(|_| setup.footprint >= least) else {
             return Err(SimulationError::FootprintTooSmall { asked: setup.footprint, least });
@@ -149,6 +157,7 @@ impl<'a> Simulation<'a> {
             disk: Disk::new(setup.storage, setup.faults, setup.seed),
             manager: RequestManager::for_world(setup.limits(pool_bytes), &library.index)?,
             planner: Planner::new(&setup.planner),
+            rider: library.layout.clone().filter(|_| setup.rides()).map(Rider::new),
             cells: LiveTree::default(),
             tolerance: DrawnTolerance::default(),
             usage: Usage::default(),
@@ -217,7 +226,7 @@ impl<'a> Simulation<'a> {
 
     /// All that is held or spoken for, bytes.
     pub fn footprint_bytes(&self) -> u64 {
-        FIXED_BYTES + self.index.bytes().fixed() as u64 + self.manager.footprint_bytes()
+        self.library.fixed_bytes() + self.manager.footprint_bytes()
     }
 
     /// Takes in what has arrived by a time.
@@ -261,8 +270,21 @@ impl<'a> Simulation<'a> {
     }
 
     /// True when a page that `selection` draws was dropped.
-    fn command(&mut self, selection: &Selection, demands: &[Demand], now_s: f64) -> bool {
-        let commands = self.manager.update_for(&selection.demands, demands, now_s);
+    fn command(&mut self, selection: &Selection, demands: &[Demand], ride: &Ride, now_s: f64) -> bool {
+        let before = self.manager.stats().reads;
+        let mut commands = self.manager.update_for(&selection.demands, demands, now_s);
+        let (ahead, now): (Vec<&Run>, Vec<&Run>) = ride.runs.iter().partition(|run| run.cause == RunCause::Ahead);
+        for run in now {
+            let started = self.manager.start_run(&run.pages, now_s);
+            if let Some(rider) = self.rider.as_mut().filter(|_| started.is_cut) {
+                rider.note_cut();
+            }
+            commands.extend(started.commands);
+        }
+        if let Some(rider) = self.rider.as_mut().filter(|_| ride.crossed) {
+            rider.note_reads(self.manager.stats().reads - before);
+        }
+        commands.extend(ahead.iter().flat_map(|run| self.manager.start_run(&run.pages, now_s).commands));
         let evicts = commands.iter().any(|command| matches!(command, Command::Evict(_)));
         let drawn: HashSet<PageId> = if evicts { drawn_pages(selection).collect() } else { HashSet::new() };
         let mut hurt = false;
@@ -337,10 +359,7 @@ impl<'a> Simulation<'a> {
         select_raised(&self.index, &self.cells, view, &params, params.tolerance_px * factor)
     }
 
-    fn plan(&mut self, view: &View, selection: &Selection, now_s: f64) -> Vec<Demand> {
-        if self.setup.sync_reads {
-            return selection.demands.clone();
-        }
+    fn plan(&mut self, view: &View, selection: &Selection, now_s: f64) -> (Vec<Demand>, Ride) {
         let seen = Seen {
             index: &self.index,
             cells: &self.cells,
@@ -351,7 +370,36 @@ impl<'a> Simulation<'a> {
             params: &self.setup.select_params(),
             drawn_tolerance_px: self.setup.tolerance_px * self.tolerance.factor(),
         };
-        self.planner.plan(&seen, &selection.demands)
+        let demands = if self.setup.sync_reads {
+            selection.demands.clone()
+        } else {
+            self.planner.plan(&seen, &selection.demands)
+        };
+        let Some(rider) = &mut self.rider else { return (demands, Ride::default()) };
+        let (manager, index) = (&self.manager, &self.index);
+        let eyes = self.planner.eyes_ahead(&seen, &times_ahead_s(manager.pace().lead_secs() + self.setup.step_s));
+        let thresholds = (self.setup.tolerance_px, self.setup.threshold_px);
+        let ride = rider.step(view, thresholds, &eyes, &|page| manager.is_held(page));
+        let demands = rider.demands(demands, &ride.runs, &|page| manager.is_held(page), &|page| page.place(index));
+        (demands, ride)
+    }
+
+    /// What a frame that waits still asks for.
+    fn still_wanted(&self, selection: &Selection) -> Vec<Demand> {
+        let demands = selection.demands.clone();
+        let Some(rider) = &self.rider else { return demands };
+        let (manager, index) = (&self.manager, &self.index);
+        rider.demands(demands, &[], &|page| manager.is_held(page), &|page| page.place(index))
+    }
+
+    /// What went on along the layout; `None` where none is flown by.
+    pub fn ride_counts(&self) -> Option<RideCounts> {
+        self.rider.as_ref().map(Rider::counts)
+    }
+
+    /// Requests, seeks and bytes of the storage so far.
+    pub fn traffic(&self) -> Counters {
+        self.disk.counters()
     }
 
     /// The frame at a time since the start of the clock, which must not fall.
@@ -359,8 +407,8 @@ impl<'a> Simulation<'a> {
         self.receive(t_s);
         let mut selection = self.choose(view);
         let would_have_waited = selection.stats.pages_missing > 0;
-        let demands = self.plan(view, &selection, t_s);
-        if self.command(&selection, &demands, t_s) {
+        let (demands, ride) = self.plan(view, &selection, t_s);
+        if self.command(&selection, &demands, &ride, t_s) {
             selection = self.select_at(view, self.tolerance.factor());
         }
         let mut waited_s = 0.0;
@@ -385,7 +433,8 @@ impl<'a> Simulation<'a> {
             now_s = next_s.max(now_s);
             self.receive(now_s);
             *selection = self.choose(view);
-            self.command(selection, &selection.demands.clone(), now_s);
+            let demands = self.still_wanted(selection);
+            self.command(selection, &demands, &Ride::default(), now_s);
         }
         now_s - t_s
     }
@@ -446,7 +495,7 @@ impl<'a> Simulation<'a> {
 
     /// What the lower bound of debt may count on at a time since the clock started.
     pub fn budget_of(library: &Library, setup: &Setup, since_s: f64) -> Budget {
-        let fixed_bytes = FIXED_BYTES + library.index.bytes().fixed() as u64;
+        let fixed_bytes = library.fixed_bytes();
         Budget {
             read_bytes: super::bound::bytes_by(&setup.storage, since_s),
             held_bytes: setup.footprint.0.saturating_sub(fixed_bytes),
@@ -476,7 +525,8 @@ pub fn fly(
         let mut frame = simulation.frame(&view, since_s);
         let waited_s = frame.report.waited_s;
         frame.report.t_s = start_s + since_s;
-        if setup.bound && library.index.is_whole() {
+        // Runs of a layout may be longer than what the bound takes for one request.
+        if setup.bound && library.index.is_whole() && library.layout.is_none() {
             let bound = FrameBound::new(&library.index, &view, &setup.select_params());
             frame.report.debt_bound_px =
                 Some(bound.debt_px(&Simulation::budget_of(library, &setup, since_s + waited_s)));

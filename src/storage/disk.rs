@@ -7,13 +7,13 @@
 //! nothing depends on how often the disk is asked.
 //!
 //! At the time t after the first request, no more than `min(B·(t − latency), P · 1 MiB · ⌊t/latency⌋)` bytes have come
-//! where each request pays the latency and none is above [`REQUEST_BYTES_MAX`]. Where only seeks pay
+//! where each request pays the latency and none is above [`REQUEST_BYTES_MAX`](super::REQUEST_BYTES_MAX). Where only seeks pay
 //! ([`StorageModel::seek_only`]) the first half alone holds: one long run costs one latency.
 
 use super::fates::{Fate, Fates};
 use super::faults::DEAD_TIMEOUT_SECS;
 use super::service::{Phase, Service};
-use super::{Arrival, Faults, Position, REQUEST_BYTES_MAX, Request, StorageModel};
+use super::{Arrival, Faults, Position, Request, StorageModel};
 use std::collections::VecDeque;
 
 /// Requests that may wait for their turn.
@@ -86,10 +86,9 @@ impl Disk {
 
     /// Puts a request into the queue. False when that is full, or nothing is asked for; then nothing will arrive.
     ///
-    /// Nobody splits a request that is too long: several parts in more than [`REQUEST_BYTES_MAX`] are a mistake of the
-    /// caller.
+    /// Nobody splits a request that is too long: the bound above holds where none has several parts in more than
+    /// [`REQUEST_BYTES_MAX`](super::REQUEST_BYTES_MAX).
     pub fn start(&mut self, request: Request, now_s: f64) -> bool {
-        debug_assert!(request.parts.len() == 1 || request.len_bytes() <= REQUEST_BYTES_MAX, "too long: {request:?}");
         debug_assert!(request.parts.is_sorted() && request.parts.first() != Some(&0), "parts ascend: {request:?}");
         self.run_to(now_s);
         if request.len_bytes() == 0 || self.queue.len() >= QUEUE_MAX {

@@ -14,8 +14,8 @@ pub use fates::ATTEMPTS_MAX;
 pub use faults::{DEAD_TIMEOUT_SECS, Faults, FaultsError};
 pub use model::{PARALLEL_MAX, ReadLimits, StorageModel, StorageModelError};
 
-/// Largest request, bytes: 1 MiB. Who asks cuts longer runs; only a page that is larger by itself may be a longer
-/// request, in which it is alone.
+/// Largest request, bytes: 1 MiB. Who asks cuts longer runs; only a page that is larger by itself, and a run of a
+/// single-seek layout, may be longer.
 pub const REQUEST_BYTES_MAX: u64 = 1 << 20;
 
 /// A transfer can be given up at the ends of blocks of this size, counted from the request's start: 64 KiB. Varadhan &

@@ -252,7 +252,7 @@ pub fn source(reader: Formulas) -> Source {
         Place::new(offset - u64::from(len), len).unwrap()
     });
     trees.into_iter().for_each(|tree| index.insert(tree));
-    Source { manifest: Arc::new(manifest()), index, reader: Arc::new(reader) }
+    Source { manifest: Arc::new(manifest()), index, reader: Arc::new(reader), layout: None }
 }
 
 /// The dive as a flight path of two seconds at 30 frames a second, and a second of hovering.

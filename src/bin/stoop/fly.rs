@@ -4,7 +4,7 @@ mod outputs;
 mod schedule;
 mod virtual_clock;
 
-use crate::cli::{self, NotYet, WrongUsage};
+use crate::cli::{self, WrongUsage};
 use anyhow::Context;
 use clap::ValueEnum;
 use outputs::Outputs;
@@ -125,7 +125,7 @@ pub struct Arguments {
     /// Parameters of policies, JSON, by policy: {"foresight": {"reach_s": 2}}; what is left out has its default
     #[arg(long, value_name = "FILE")]
     policy_params: Option<PathBuf>,
-    /// A single-seek layout of the world (not in this version)
+    /// Fly by this single-seek layout of the world: what the next place needs comes in one read
     #[arg(long, value_name = "NAME")]
     layout: Option<String>,
     /// Load intermediate levels too, each page after its parent; otherwise a page that would be passed before it
@@ -186,17 +186,6 @@ pub struct Arguments {
 }
 
 impl Arguments {
-    /// Flags that this version knows by name only must not be passed over in silence.
-    fn refuse_later_parts(&self) -> anyhow::Result<()> {
-        let later = [(self.layout.is_some(), "--layout", "leave it away; the packs are read")];
-        for (used, flag, instead) in later {
-            if used {
-                return Err(NotYet::new(flag, instead).into());
-            }
-        }
-        Ok(())
-    }
-
     fn check_combinations(&self) -> anyhow::Result<()> {
         let timed = !self.at_secs.is_empty() || self.every_secs.is_some();
         if timed && self.frames.is_none() && self.aov.is_none() {
@@ -280,12 +269,24 @@ impl Arguments {
     }
 }
 
+/// The worlds, and the layout that is to be flown by; one that cannot be is said, and the packs serve.
+fn open(arguments: &Arguments) -> anyhow::Result<Source> {
+    let Some(name) = &arguments.layout else { return cli::open(&arguments.worlds, &arguments.cache) };
+    let [world] = &arguments.worlds[..] else {
+        return Err(WrongUsage("--layout belongs to one world: name one".into()).into());
+    };
+    let (source, refused) = Source::with_layout(cli::open_world(world, &arguments.cache)?, name);
+    if let Some(refused) = refused {
+        eprintln!("stoop: {refused}; the packs serve");
+    }
+    Ok(source)
+}
+
 pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
-    arguments.refuse_later_parts()?;
     arguments.check_combinations()?;
     let path = FlightPath::load(&arguments.path)?;
     let opened = Instant::now();
-    let source = cli::open(&arguments.worlds, &arguments.cache)?;
+    let source = open(&arguments)?;
     if let Some(storage) = arguments.virtual_storage {
         return virtual_clock::fly(&arguments, path, source, storage);
     }
@@ -393,6 +394,7 @@ impl Flight {
         self.progress.end();
         self.outputs.finish()?;
         self.log.wasted_bytes = self.engine.wasted_bytes();
+        self.log.ride = self.engine.ride_counts();
         if let Some(file) = report {
             self.log.write(file)?;
         }

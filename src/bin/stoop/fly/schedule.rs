@@ -124,6 +124,13 @@ pub fn print_summary(summary: &FlightSummary, adapter: &str) {
         summary.seconds
     );
     let holes = summary.holes.map_or("not audited".to_owned(), |holes| holes.to_string());
+    if let (Some(crossings), Some(seeks), Some(fallbacks)) =
+        (summary.crossings, summary.crossing_seeks_max, summary.layout_fallbacks)
+    {
+        text += &format!(
+            "layout: {crossings} crossings, at most {seeks} reads each, {fallbacks} moves left to the packs\n"
+        );
+    }
     text += &format!(
         "debt {:.3} px·s (peak {:.3} px), holes {holes}, would have waited {}, ground pressed {}\n",
         summary.debt_px_s, summary.debt_peak_px, summary.would_have_waited, summary.ground_pressed_frames

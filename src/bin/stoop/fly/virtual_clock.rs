@@ -17,7 +17,7 @@ pub fn fly(arguments: &Arguments, path: FlightPath, source: Source, storage: Sto
     let mut log = FlightLog::new(header(arguments, &path, &source, &mode));
     let mut pictures = Pictures::open(arguments, &source, setup.step_s)?;
     let mut progress = Progress::new(path.end_s());
-    let library = Library::new(source.index.clone(), source.reader.clone());
+    let library = Library::new(source.index.clone(), source.reader.clone()).with_layout(source.layout.clone());
     let mut drawn = Ok(());
     log.wasted_bytes = simulate(&library, &Arc::new(path), setup, |mut frame, simulation| {
         drawn = pictures.take(&mut frame, simulation, log.frames.len());
@@ -26,6 +26,7 @@ pub fn fly(arguments: &Arguments, path: FlightPath, source: Source, storage: Sto
         }
         progress.at(frame.report.t_s);
         log.frames.push(frame.report);
+        log.ride = simulation.ride_counts();
         drawn.is_ok()
     })?;
     progress.end();
