@@ -1,6 +1,7 @@
 //! What a single-seek layout gains: `cargo bench --bench layout -- WORLD LAYOUT [STORAGE…]`.
 //!
-//! Two tables, by the virtual clock, for each storage model (hdd, wan and mobile by default). First, random crossings of
+//! Where the layout leaves out what is hidden: objects that are seen all the same. Then two tables, by the virtual clock, for
+//! each storage model (hdd, wan and mobile by default). First, random crossings of
 //! the layout's cells: seeks counted by the storage until all of a cell's set is there, and delays, against the packs and
 //! against a Hilbert order. Then flights through the region, with and without looking ahead: detail debt, bytes, seeks, and
 //! the frame rate of a renderer that waits for its pages.
@@ -8,8 +9,9 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 use stoop::camera::{FlightPath, Pose, View};
-use stoop::engine::Source;
-use stoop::layout::{Direction, Layout, LinearOrder, NavCell, hilbert_order, pages_of};
+use stoop::content::{PageId, PageKind};
+use stoop::engine::{LOOKOUT_PX, Lookout, Source};
+use stoop::layout::{Direction, Layout, LinearOrder, NavCell, SEEN_BELOW_M, Seen, hilbert_order, pages_of};
 use stoop::paging::{PlannerParams, PolicyName};
 use stoop::simulate::{Library, Setup, Simulation, fly};
 use stoop::storage::StorageModel;
@@ -18,10 +20,12 @@ use stoop::units::ByteSize;
 
 const CROSSINGS: usize = 10_000;
 /// Room for the largest set of a city like San Francisco, not for all of it.
-const FOOTPRINT_MIB: u64 = 288;
+const FOOTPRINT_MIB: u64 = 400;
 const STEP_S: f64 = 1.0 / 30.0;
 /// Frames after which a crossing that has not all of its pages is given up: none may.
 const FRAMES_MAX: usize = 3_000;
+/// Places in each band from which it is looked for what sets leave out.
+const PLACES: usize = 40;
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let arguments: Vec<String> = std::env::args().skip(1).filter(|argument| !argument.starts_with("--")).collect();
@@ -43,6 +47,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let library = || Library::new(source.index.clone(), source.reader.clone());
     let hilbert = hilbert_order(&pages_of(&source.index));
     println!("cells of {:.0} m, {} of them", layout.grid.side_m(), layout.grid.cell_count());
+    hidden(open()?, &layout)?;
     println!("\n{CROSSINGS} random crossings\n");
     println!("| storage | pages from | seeks max | seeks mean | mean ms | p99 ms | max ms | KiB mean |");
     println!("|---|---|--:|--:|--:|--:|--:|--:|");
@@ -66,6 +71,55 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
                 }
             }
         }
+    }
+    Ok(())
+}
+
+/// Objects that pictures from random places show and their cells' sets leave out, where sets hold only what was seen from
+/// the cells' viewpoints: pictures of twice the side, from places that no viewpoint is at.
+fn hidden(source: Source, layout: &Layout) -> Result<(), Box<dyn std::error::Error>> {
+    let low: Vec<NavCell> =
+        layout.grid.cells().filter(|cell| layout.grid.band_m(cell.band).1 <= SEEN_BELOW_M).collect();
+    if low.is_empty() {
+        return Ok(());
+    }
+    let saved = 100.0 * layout.hidden.bytes as f64 / layout.hidden.of_bytes.max(1) as f64;
+    println!("\nhidden in {} low cells: {saved:.1} % of the bytes of their sets\n", low.len());
+    let footprint = ByteSize(1 << 30);
+    let mut lookout = Lookout::new(source, &layout.params, 2 * LOOKOUT_PX, footprint)?;
+    println!("| band m | places | objects seen | left out | share | cells of ground seen | left out |");
+    println!("|---|--:|--:|--:|--:|--:|--:|");
+    let mut random = Random(17);
+    let mut bands: Vec<u32> = low.iter().map(|cell| cell.band).collect();
+    bands.dedup();
+    for band in bands {
+        let of_band: Vec<NavCell> = low.iter().copied().filter(|cell| cell.band == band).collect();
+        let (mut seen, mut missed, mut ground, mut ground_missed) = (0, 0, 0, 0);
+        for _ in 0..PLACES {
+            let cell = of_band[random.below(of_band.len())];
+            let mut kept = Seen::default();
+            for page in layout.set(cell) {
+                match page.kind {
+                    PageKind::Objects { collection, .. } => kept.add_objects(collection, page.cell),
+                    PageKind::Terrain | PageKind::Imagery => kept.add_ground(page.cell),
+                    PageKind::Segment => {}
+                }
+            }
+            let (looked, objects) = lookout.look(view(layout, cell, &mut random).pose.eye)?;
+            seen += objects.len();
+            missed += objects
+                .iter()
+                .filter(|&&(collection, _, cell)| {
+                    !kept.shows(PageId { cell, kind: PageKind::Objects { collection, rep: 0 } })
+                })
+                .count();
+            ground += looked.ground().count();
+            ground_missed +=
+                looked.ground().filter(|&cell| !kept.shows(PageId { cell, kind: PageKind::Terrain })).count();
+        }
+        let (low_m, high_m) = layout.grid.band_m(band);
+        let share = 100.0 * missed as f64 / seen.max(1) as f64;
+        println!("| {low_m}–{high_m} | {PLACES} | {seen} | {missed} | {share:.2} % | {ground} | {ground_missed} |");
     }
     Ok(())
 }
@@ -136,9 +190,15 @@ fn cross(library: &Library, layout: &Layout, storage: StorageModel) -> String {
             assert!(frame < FRAMES_MAX, "crossing {crossing} does not come to rest");
             t_s += STEP_S;
         }
+        if crossing == 0 {
+            // All that the cell needs, not what one view does: it is entered, not crossed into.
+            for _ in 0..FRAMES_MAX {
+                t_s += STEP_S;
+                simulation.frame(&view, t_s);
+            }
+        }
         let after = simulation.traffic();
         let count = if storage.seek_only { after.seeks - before.seeks } else { after.requests - before.requests };
-        // The first cell is entered, not crossed into.
         if crossing > 0 {
             most = most.max(count);
             seeks += count;

@@ -34,6 +34,11 @@ impl Seen {
         }
     }
 
+    /// The cells of the ground themselves.
+    pub fn ground(&self) -> impl Iterator<Item = CellId> + '_ {
+        self.ground.iter().copied()
+    }
+
     pub fn join(&mut self, other: &Self) {
         self.ground.extend(&other.ground);
         self.above_ground.extend(&other.above_ground);
