@@ -244,6 +244,10 @@ fn cross(
                 simulation.frame(&view, t_s);
             }
         }
+        // Only what the cell wants stays, so that each crossing has something to read.
+        if storage == StorageModel::WAN {
+            simulation.drop_unwanted();
+        }
         t_s += STEP_S;
         // To and fro along the town, so that other pages are wanted, and dropped.
         let along = if crossing / 45 % 2 == 0 { Direction::East } else { Direction::West };

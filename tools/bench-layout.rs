@@ -53,8 +53,13 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     println!("|---|---|--:|--:|--:|--:|--:|--:|");
     for &storage in &models {
         for (kind, library) in kinds(&library, &layout, &hilbert)? {
-            println!("| {storage} | {kind} | {} |", cross(&library, &layout, storage));
+            println!("| {storage} | {kind} | {} |", cross(&library, &layout, storage, Memory::Kept));
         }
+        let library = library().with_layout(Some(layout.clone()));
+        println!(
+            "| {storage} | layout, the set alone in memory | {} |",
+            cross(&library, &layout, storage, Memory::Dropped)
+        );
     }
     println!("\nflights at 30 Hz, 1280 × 720, {FOOTPRINT_MIB} MiB\n");
     println!(
@@ -170,8 +175,17 @@ fn view(layout: &Layout, cell: NavCell, random: &mut Random) -> View {
     View::new(Pose { eye, heading_rad, pitch_rad: -0.9 * random.share() }, 60f64.to_radians(), [1280, 720])
 }
 
+/// What is done with pages that a cell does not want.
+#[derive(Clone, Copy, PartialEq)]
+enum Memory {
+    /// They stay as long as there is room.
+    Kept,
+    /// They go at once, as in the paper.
+    Dropped,
+}
+
 /// Goes to a random neighbour again and again, waits there until the storage is at rest, and counts what that took.
-fn cross(library: &Library, layout: &Layout, storage: StorageModel) -> String {
+fn cross(library: &Library, layout: &Layout, storage: StorageModel, memory: Memory) -> String {
     let mut random = Random(7);
     let mut simulation = Simulation::new(library, setup(storage, PolicyName::Demand)).expect("the footprint suffices");
     let grid = &layout.grid;
@@ -204,6 +218,9 @@ fn cross(library: &Library, layout: &Layout, storage: StorageModel) -> String {
             seeks += count;
             bytes += after.bytes - before.bytes;
             delays_s.push(t_s - entered_s);
+        }
+        if memory == Memory::Dropped {
+            simulation.drop_unwanted();
         }
         t_s += STEP_S;
         let next = Direction::ALL[random.below(Direction::ALL.len())];

@@ -479,6 +479,16 @@ impl RequestManager {
         }
     }
 
+    /// Drops all that nobody wants now, though there is room: memory holds then what a walkthrough system without a cache
+    /// of its own would hold.
+    pub fn drop_unwanted(&mut self) -> Vec<Command> {
+        let mut commands = Vec::new();
+        while let Some(page) = self.residents.least_recent() {
+            self.evict(page, &mut commands);
+        }
+        commands
+    }
+
     /// Takes in what became of a started page.
     pub fn complete(&mut self, event: Event, now_secs: f64) {
         // Where nothing was asked for, nothing changes.

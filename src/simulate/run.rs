@@ -397,6 +397,15 @@ impl<'a> Simulation<'a> {
         self.rider.as_ref().map(Rider::counts)
     }
 
+    /// Drops all pages that the last frame did not want; see [`RequestManager::drop_unwanted`].
+    pub fn drop_unwanted(&mut self) {
+        for command in self.manager.drop_unwanted() {
+            if let Command::Evict(page) = command {
+                self.drop_page(page);
+            }
+        }
+    }
+
     /// Requests, seeks and bytes of the storage so far.
     pub fn traffic(&self) -> Counters {
         self.disk.counters()
