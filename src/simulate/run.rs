@@ -439,6 +439,11 @@ impl<'a> Simulation<'a> {
         &self.manager
     }
 
+    /// What can be drawn.
+    pub fn cells(&self) -> &LiveTree {
+        &self.cells
+    }
+
     /// Whether nothing is under way, and nothing more of the front will come.
     pub fn is_settled(&self) -> bool {
         self.manager.is_idle() && self.manager.stats().in_flight == 0 && !self.tolerance.is_moving()

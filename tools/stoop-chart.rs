@@ -1,0 +1,175 @@
+//! The program `stoop-chart`: speed against accuracy, as a page.
+
+use anyhow::Context;
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressStyle};
+use std::path::{Path, PathBuf};
+use std::process::ExitCode;
+use std::sync::Arc;
+use stoop::camera::FlightPath;
+use stoop::chart::{Flight, PAGE_FILE, RUNS_MAX, Report, Sweep, fly_all};
+use stoop::engine::{GroundProbe, Source};
+use stoop::paging::PolicyName;
+use stoop::simulate::Library;
+use stoop::storage::{Faults, StorageModel};
+use stoop::store::{CACHE_LIMIT, DiskCache, OpenOptions, World};
+use stoop::units::{ByteSize, positive};
+
+const DETAILS: &str = "\
+Flies WORLD by the virtual clock with all settings asked for, and writes into DIR:
+  index.html     one self-contained page: charts, tables, and a recommendation at its end
+  *.csv          the numbers of each chart; runs.csv has a line for each run
+  data.json      the same as JSON
+  profile.json   the recommended settings: stoop WORLD --profile DIR/profile.json
+The same arguments give the same CSV to the byte, on every machine (timings.csv apart).
+
+Of each list the first value is the base, which stands while others vary: policies by tolerances, by footprints and by
+speeds over each storage model; frame sizes; and tolerances by footprints on the first storage model, which should be the
+one at hand. Storage models: hdd, ssd, lan, wan, mobile, or LATENCY_MS,MB_PER_S,PARALLEL; see `stoop fly --help`.
+
+Examples:
+  stoop-chart WORLD --path dive.json --out charts
+  stoop-chart WORLD --path dive.json street.json --storage 'wan;20,50,4' --tolerance-px 1,0.5,2,4 --out charts";
+
+/// Charts speed against accuracy: runs flights with many settings and writes a page about them.
+#[derive(Parser)]
+#[command(name = "stoop-chart", version, after_help = DETAILS)]
+struct Arguments {
+    /// Folder or address (http://, https://, s3://) of the world
+    world: PathBuf,
+    /// Keep what is read of a world behind an address in this folder, and read it there
+    #[arg(long, value_name = "DIR")]
+    cache: Option<PathBuf>,
+    /// What the cache may take on the disk
+    #[arg(long, value_name = "SIZE", default_value_t = CACHE_LIMIT, requires = "cache")]
+    cache_limit: ByteSize,
+    /// Flights, JSON
+    #[arg(long = "path", value_name = "FILE", required = true, num_args = 1..)]
+    paths: Vec<PathBuf>,
+    /// Policies, commas between them
+    #[arg(long, value_delimiter = ',', default_values = PolicyName::ALL.map(PolicyName::name))]
+    policy: Vec<PolicyName>,
+    /// Storage models, semicolons between them
+    #[arg(long, value_delimiter = ';', default_values = ["ssd", "lan", "wan"])]
+    storage: Vec<StorageModel>,
+    /// Allowed screen-space errors, pixels
+    #[arg(long, value_name = "PX,...", value_delimiter = ',', value_parser = positive, default_values = ["1", "0.5", "2", "4"])]
+    tolerance_px: Vec<f64>,
+    /// Footprints
+    #[arg(long, value_name = "SIZE,...", value_delimiter = ',', default_values = ["256MiB", "32MiB", "48MiB", "96MiB"])]
+    footprint: Vec<ByteSize>,
+    /// How many times as fast as its file says a flight is flown
+    #[arg(long, value_name = "TIMES,...", value_delimiter = ',', value_parser = positive, default_values = ["1", "3", "10"])]
+    speed: Vec<f64>,
+    /// Frame sizes, pixels
+    #[arg(long, value_name = "WxH,...", value_delimiter = ',', value_parser = size_px, default_values = ["640x360", "1280x720"])]
+    size: Vec<[u32; 2]>,
+    /// Seconds from frame to frame
+    #[arg(long, value_name = "S", default_value_t = 1.0 / 30.0, value_parser = positive)]
+    step_secs: f64,
+    /// Make reads go wrong; see `stoop fly --help`
+    #[arg(long, value_name = "KEY=VALUE,...")]
+    faults: Option<Faults>,
+    /// Seed of --faults
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+    /// Folder to write to
+    #[arg(long, value_name = "DIR")]
+    out: PathBuf,
+}
+
+fn size_px(text: &str) -> Result<[u32; 2], String> {
+    let side = |digits: &str| digits.parse::<u32>().ok().filter(|side| (1..=8192).contains(side));
+    let sides = text.split_once('x').and_then(|(width, height)| Some([side(width)?, side(height)?]));
+    sides.ok_or_else(|| format!("{text:?} is no size in pixels: write WIDTHxHEIGHT, each 1 to 8192, such as 640x360"))
+}
+
+fn main() -> ExitCode {
+    match run(Arguments::parse()) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("stoop-chart: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn run(arguments: Arguments) -> anyhow::Result<()> {
+    let source = open(&arguments)?;
+    let sweep = sweep(&arguments, &source)?;
+    let runs = sweep.runs();
+    anyhow::ensure!(runs.len() <= RUNS_MAX, "{} runs are more than {RUNS_MAX}: name fewer values", runs.len());
+    let library = Library::new(source.index.clone(), source.reader.clone());
+    let bar = progress(runs.len() as u64)?;
+    let flown = fly_all(&library, &sweep, &runs, &|| bar.inc(1))?;
+    bar.finish_and_clear();
+    let world = source.manifest.name.clone();
+    let command = command();
+    let report = Report {
+        world: &world,
+        command: &command,
+        sweep: &sweep,
+        flown: &flown,
+        further: Vec::new(),
+        frame_times: &[],
+    };
+    let profile = report.write(&arguments.out)?;
+    println!("{}", arguments.out.join(PAGE_FILE).display());
+    if let (Some(tolerance_px), Some(footprint)) = (profile.tolerance_px, profile.footprint()) {
+        println!("on {}: {tolerance_px} px, {footprint}: {}", profile.storage, profile.why);
+    }
+    Ok(())
+}
+
+fn open(arguments: &Arguments) -> anyhow::Result<Source> {
+    let cache = arguments.cache.as_deref().map(|folder| DiskCache::open(folder, arguments.cache_limit)).transpose()?;
+    let options = OpenOptions { cache: cache.map(Arc::new), ..OpenOptions::default() };
+    let world = World::open_with(&arguments.world, &options)?;
+    world.notice().into_iter().for_each(|notice| eprintln!("stoop-chart: {notice}"));
+    Ok(Source::of(world))
+}
+
+fn sweep(arguments: &Arguments, source: &Source) -> anyhow::Result<Sweep> {
+    let ground = GroundProbe::new(source);
+    let flight = |file: &PathBuf| load_flight(file, &ground);
+    Ok(Sweep {
+        flights: arguments.paths.iter().map(flight).collect::<anyhow::Result<_>>()?,
+        policies: arguments.policy.clone(),
+        storages: arguments.storage.clone(),
+        tolerances_px: arguments.tolerance_px.clone(),
+        footprints: arguments.footprint.clone(),
+        speeds: arguments.speed.clone(),
+        sizes_px: arguments.size.clone(),
+        step_s: arguments.step_secs,
+        seed: arguments.seed,
+        faults: arguments.faults.unwrap_or_default(),
+    })
+}
+
+fn load_flight(file: &Path, ground: &GroundProbe<'_>) -> anyhow::Result<Flight> {
+    let path = FlightPath::load(file)?;
+    let arrivals_s = path.arrivals_s(|lat_rad, lon_rad| ground.height_m(lat_rad, lon_rad));
+    let name = file.file_stem().map_or_else(String::new, |stem| stem.to_string_lossy().into_owned());
+    Ok(Flight { name, path: Arc::new(path), arrivals_s })
+}
+
+fn progress(runs: u64) -> anyhow::Result<ProgressBar> {
+    let style =
+        ProgressStyle::with_template("{pos} of {len} flights {wide_bar} {eta} left").context("the progress bar")?;
+    Ok(ProgressBar::new(runs).with_style(style))
+}
+
+/// What was typed, less the folder that is written to.
+fn command() -> String {
+    let mut words = vec!["stoop-chart".to_owned()];
+    let mut typed = std::env::args().skip(1);
+    while let Some(word) = typed.next() {
+        if word == "--out" {
+            typed.next();
+        } else if !word.starts_with("--out=") {
+            let is_plain = word.chars().all(|c| c.is_alphanumeric() || "-_./:=,".contains(c));
+            words.push(if is_plain { word } else { format!("'{word}'") });
+        }
+    }
+    words.join(" ")
+}
