@@ -7,13 +7,17 @@ use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use stoop::camera::FlightPath;
-use stoop::chart::{Flight, PAGE_FILE, RUNS_MAX, Report, Sweep, fly_all};
+use stoop::chart::{
+    Flight, PAGE_FILE, PICTURES_MAX, RUNS_MAX, Report, Sweep, cost_by_distance, figure_of_rows, fly_all, fly_live,
+    frame_time_figures, frame_times, picture_errors,
+};
 use stoop::engine::{GroundProbe, Source};
+use stoop::geodesy::Geodetic;
 use stoop::paging::PolicyName;
 use stoop::simulate::Library;
 use stoop::storage::{Faults, StorageModel};
 use stoop::store::{CACHE_LIMIT, DiskCache, OpenOptions, World};
-use stoop::units::{ByteSize, positive};
+use stoop::units::{ByteSize, number, positive};
 
 const DETAILS: &str = "\
 Flies WORLD by the virtual clock with all settings asked for, and writes into DIR:
@@ -29,6 +33,7 @@ one at hand. Storage models: hdd, ssd, lan, wan, mobile, or LATENCY_MS,MB_PER_S,
 
 Examples:
   stoop-chart WORLD --path dive.json --out charts
+  stoop-chart WORLD --path dive.json --live --pictures 12 --out charts
   stoop-chart WORLD --path dive.json street.json --storage 'wan;20,50,4' --tolerance-px 1,0.5,2,4 --out charts";
 
 /// Charts speed against accuracy: runs flights with many settings and writes a page about them.
@@ -73,6 +78,20 @@ struct Arguments {
     /// Seed of --faults
     #[arg(long, default_value_t = 0)]
     seed: u64,
+    /// Also compare so many pictures of each flight and tolerance with the settled ones, by FLIP and RMS; needs a GPU, or
+    /// a driver that draws by the processor
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=i64::from(PICTURES_MAX)))]
+    pictures: Option<u32>,
+    /// Also fly live on this machine over the first storage model, so many times as fast as the flights' files say: each
+    /// tolerance, each policy, and one that waits
+    #[arg(long, value_name = "TIMES", num_args = 0..=1, default_missing_value = "1", value_parser = positive)]
+    live: Option<f64>,
+    /// Where frame cost against distance is counted, degrees [default: the middle of the largest set of objects]
+    #[arg(long, value_name = "LON,LAT", value_parser = place)]
+    over: Option<(f64, f64)>,
+    /// Also draw rows of these CSV files: x, y, and the name of the curve where there are several
+    #[arg(long, value_name = "FILE.csv", num_args = 1..)]
+    rows: Vec<PathBuf>,
     /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -82,6 +101,15 @@ fn size_px(text: &str) -> Result<[u32; 2], String> {
     let side = |digits: &str| digits.parse::<u32>().ok().filter(|side| (1..=8192).contains(side));
     let sides = text.split_once('x').and_then(|(width, height)| Some([side(width)?, side(height)?]));
     sides.ok_or_else(|| format!("{text:?} is no size in pixels: write WIDTHxHEIGHT, each 1 to 8192, such as 640x360"))
+}
+
+/// Longitude and latitude, degrees.
+fn place(text: &str) -> Result<(f64, f64), String> {
+    let (lon, lat) = text.split_once(',').ok_or_else(|| format!("{text:?} is no place: write LON,LAT in degrees"))?;
+    match (number(lon)?, number(lat)?) {
+        (lon, lat) if lon.abs() <= 180.0 && lat.abs() <= 90.0 => Ok((lon, lat)),
+        _ => Err("longitudes are from -180 to 180, latitudes from -90 to 90".into()),
+    }
 }
 
 fn main() -> ExitCode {
@@ -103,22 +131,45 @@ fn run(arguments: Arguments) -> anyhow::Result<()> {
     let bar = progress(runs.len() as u64)?;
     let flown = fly_all(&library, &sweep, &runs, &|| bar.inc(1))?;
     bar.finish_and_clear();
-    let world = source.manifest.name.clone();
-    let command = command();
-    let report = Report {
-        world: &world,
-        command: &command,
-        sweep: &sweep,
-        flown: &flown,
-        further: Vec::new(),
-        frame_times: &[],
-    };
+    let (mut further, mut times) = (Vec::new(), Vec::new());
+    if let Some(place) = city(&arguments, &source) {
+        let (size_px, tolerance_px) = (sweep.sizes_px[0], sweep.tolerances_px[0]);
+        further.push(cost_by_distance(&library, place, size_px, tolerance_px)?);
+    }
+    if let Some(count) = arguments.pictures {
+        eprintln!("comparing pictures");
+        further.push(picture_errors(&library, &source, &sweep, count)?);
+    }
+    if let Some(speed) = arguments.live {
+        let live = fly_live(&source, &sweep, speed, &|flight| eprintln!("live: {flight}"))?;
+        times = frame_times(&sweep, &live);
+        further.extend(frame_time_figures(&sweep, &live));
+    }
+    for file in &arguments.rows {
+        further.push(figure_of_rows(file)?);
+    }
+    let (world, command) = (source.manifest.name.clone(), command());
+    let report =
+        Report { world: &world, command: &command, sweep: &sweep, flown: &flown, further, frame_times: &times };
     let profile = report.write(&arguments.out)?;
     println!("{}", arguments.out.join(PAGE_FILE).display());
     if let (Some(tolerance_px), Some(footprint)) = (profile.tolerance_px, profile.footprint()) {
         println!("on {}: {tolerance_px} px, {footprint}: {}", profile.storage, profile.why);
     }
     Ok(())
+}
+
+/// On the ground: where it was asked for, else the middle of the largest set of objects; `None` in a world without any.
+fn city(arguments: &Arguments, source: &Source) -> Option<Geodetic> {
+    let middle = || {
+        let largest =
+            source.manifest.collections.iter().max_by_key(|info| info.objects).filter(|info| info.objects > 0)?;
+        let [west, south, east, north] = largest.bounds_deg;
+        Some(((west + east) / 2.0, (south + north) / 2.0))
+    };
+    let (lon_deg, lat_deg) = arguments.over.or_else(middle)?;
+    let ground = Geodetic::from_degrees(lat_deg, lon_deg, 0.0);
+    Some(ground.at_height(GroundProbe::new(source).height_m(ground.lat_rad, ground.lon_rad)))
 }
 
 fn open(arguments: &Arguments) -> anyhow::Result<Source> {

@@ -3,6 +3,7 @@
 use super::compare::{Outcome, Tally, WARM_S};
 use super::sheet::{Cell, Sheet};
 use super::sweep::{Run, Sweep};
+use crate::paging::FrameReport;
 use crate::record::Distribution;
 use crate::select::{SelectParams, select_raised};
 use crate::simulate::{Frame, Library, Setup, Simulation, SimulationError, fly};
@@ -25,6 +26,9 @@ pub struct Moment {
     /// Time that the frame stood still for its pages, seconds.
     pub waited_s: f64,
     pub would_have_waited: bool,
+    /// Where they were measured, in one frame each half second.
+    pub drawn_over_needed: Option<f64>,
+    pub resident_over_needed: Option<f64>,
 }
 
 /// What is measured beside the sums of [`Outcome`]; means are over the frames from [`WARM_S`] on, unless they say
@@ -41,6 +45,14 @@ pub struct Measured {
     pub cells_tested_mean: f64,
     pub objects_drawn_mean: f64,
     pub waiting_frames: u64,
+    /// Over-modelling, of one frame each half second, without occlusion: triangles drawn over needed, stored bytes held over
+    /// needed, and the ground's needed triangles over those of one cut over the whole view.
+    pub drawn_over_needed_mean: Option<f64>,
+    pub drawn_over_needed_max: Option<f64>,
+    pub resident_over_needed_mean: Option<f64>,
+    pub needed_over_view_cut_mean: Option<f64>,
+    pub needed_triangles_mean: Option<f64>,
+    pub needed_bytes_mean: Option<f64>,
 }
 
 /// A run and what became of it.
@@ -74,10 +86,11 @@ fn fly_run(library: &Library, sweep: &Sweep, run: &Run) -> Result<Flown, Simulat
     // The bound depends on no policy: once for each storage model is enough.
     let bound = keeps_series && run.policy == sweep.ours() && !run.sync_reads;
     let setup = Setup { bound, ..sweep.setup(run) };
-    let (mut tally, mut meter) = (Tally::new(&flight, setup.step_s, &[]), Meter::new(flight.path.start_s(), setup));
-    let wasted_bytes = fly(library, &flight.path, setup, |frame, simulation| {
+    let mut tally = Tally::new(&flight, setup.step_s, &[]);
+    let mut meter = Meter::new(flight.path.start_s(), setup, sweep.measures_needs(run));
+    let wasted_bytes = fly(library, &flight.path, setup, |mut frame, simulation| {
         tally.take(&frame.report);
-        meter.take(&frame, simulation);
+        meter.take(&mut frame, simulation);
         true
     })?;
     let series = if keeps_series { std::mem::take(&mut meter.series) } else { Vec::new() };
@@ -90,6 +103,8 @@ struct Meter {
     start_s: f64,
     setup: Setup,
     next_sample_s: f64,
+    /// Whether over-modelling is measured: it costs more than the frames themselves.
+    measures_needs: bool,
     series: Vec<Moment>,
     warm: Warm,
 }
@@ -104,22 +119,29 @@ struct Warm {
     cells_tested: Vec<f64>,
     objects_drawn: Vec<f64>,
     waiting_frames: u64,
+    modelled: Vec<FrameReport>,
 }
 
 impl Meter {
-    fn new(start_s: f64, setup: Setup) -> Self {
-        Self { start_s, setup, next_sample_s: WARM_S, series: Vec::new(), warm: Warm::default() }
+    fn new(start_s: f64, setup: Setup, measures_needs: bool) -> Self {
+        Self { start_s, setup, next_sample_s: WARM_S, measures_needs, series: Vec::new(), warm: Warm::default() }
     }
 
-    fn take(&mut self, frame: &Frame, simulation: &Simulation<'_>) {
+    fn take(&mut self, frame: &mut Frame, simulation: &Simulation<'_>) {
+        let since_s = frame.report.t_s - self.start_s;
+        if since_s >= self.next_sample_s - 1e-9 {
+            self.next_sample_s += SAMPLE_S;
+            self.sample(frame, simulation);
+        }
         let report = &frame.report;
-        let since_s = report.t_s - self.start_s;
         self.series.push(Moment {
             since_s,
             debt_px: report.debt_px,
             bound_px: report.debt_bound_px,
             waited_s: report.waited_s,
             would_have_waited: report.would_have_waited,
+            drawn_over_needed: report.drawn_over_needed(),
+            resident_over_needed: report.resident_over_needed(),
         });
         if since_s < WARM_S - 1e-9 {
             return;
@@ -131,24 +153,27 @@ impl Meter {
         warm.cells_tested.push(report.cells_tested.into());
         warm.objects_drawn.push(report.objects_drawn.into());
         warm.waiting_frames += u64::from(report.would_have_waited);
-        if since_s >= self.next_sample_s - 1e-9 {
-            self.next_sample_s += SAMPLE_S;
-            self.sample(frame, simulation);
-        }
     }
 
-    /// What the frame lacks of the front at the reference.
-    fn sample(&mut self, frame: &Frame, simulation: &Simulation<'_>) {
+    /// What the frame lacks of the front at the reference, and what it has too much of.
+    fn sample(&mut self, frame: &mut Frame, simulation: &Simulation<'_>) {
         let params = SelectParams { tolerance_px: REFERENCE_PX, ..self.setup.select_params() };
         let drawn_px = frame.report.tolerance_drawn_px;
         let selection = select_raised(simulation.index(), simulation.cells(), &frame.view, &params, drawn_px);
         self.warm.errors_px.push(selection.stats.debt_px);
+        if self.measures_needs {
+            frame.report.take_modelled(&simulation.modelled(frame));
+            self.warm.modelled.push(frame.report.clone());
+        }
     }
 
     fn finish(self) -> Measured {
         let warm = self.warm;
         let mean = |values: &[f64]| Distribution::of(values.iter().copied()).map_or(0.0, |spread| spread.mean);
         let errors = Distribution::of(warm.errors_px);
+        let modelled =
+            |figure: fn(&FrameReport) -> Option<f64>| Distribution::of(warm.modelled.iter().filter_map(figure));
+        let drawn = modelled(FrameReport::drawn_over_needed);
         Measured {
             debt_mean_px: mean(&warm.debts_px),
             error_mean_px: errors.map(|errors| errors.mean),
@@ -159,6 +184,13 @@ impl Meter {
             cells_tested_mean: mean(&warm.cells_tested),
             objects_drawn_mean: mean(&warm.objects_drawn),
             waiting_frames: warm.waiting_frames,
+            drawn_over_needed_mean: drawn.map(|spread| spread.mean),
+            drawn_over_needed_max: drawn.map(|spread| spread.max),
+            resident_over_needed_mean: modelled(FrameReport::resident_over_needed).map(|spread| spread.mean),
+            needed_over_view_cut_mean: modelled(FrameReport::needed_over_view_cut).map(|spread| spread.mean),
+            needed_triangles_mean: modelled(|report| report.needed_triangles.map(|n| n as f64))
+                .map(|spread| spread.mean),
+            needed_bytes_mean: modelled(|report| report.needed_bytes.map(|n| n as f64)).map(|spread| spread.mean),
         }
     }
 }

@@ -1,6 +1,6 @@
 //! Panels as SVG, by the crate `plotters`.
 
-use super::figure::{Axis, Panel, Scale, Spot, Stroke};
+use super::figure::{Axis, Curve, Panel, Scale, Spot, Stroke};
 use crate::units::ByteSize;
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use plotters::coord::types::RangedCoordf64;
@@ -8,8 +8,12 @@ use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::ops::Range;
 
-/// Pixels of a panel.
-pub const PANEL_PX: (u32, u32) = (560, 360);
+/// Pixels of a panel, and of the legend at its right.
+pub const PANEL_PX: (u32, u32) = (640, 340);
+const LEGEND_PX: u32 = 116;
+/// From line to line of the legend, pixels.
+const LEGEND_LINE_PX: i32 = 18;
+const LEGEND_TOP_PX: i32 = 40;
 /// Colours that can be told apart with most kinds of colour blindness (Okabe, Ito 2008), less yellow, which is faint on
 /// white.
 const COLORS: [RGBColor; 7] = [
@@ -19,7 +23,7 @@ const COLORS: [RGBColor; 7] = [
     RGBColor(204, 121, 167),
     RGBColor(86, 180, 233),
     RGBColor(230, 159, 0),
-    RGBColor(0, 0, 0),
+    RGBColor(110, 110, 110),
 ];
 /// How much room is left beyond the outermost values, as a share.
 const ROOM: f64 = 0.06;
@@ -44,15 +48,19 @@ impl Palette {
     pub fn of<'a>(panels: impl IntoIterator<Item = &'a Panel>) -> Self {
         let mut palette = Self::default();
         for curve in panels.into_iter().flat_map(|panel| &panel.curves) {
-            if !palette.names.contains(&curve.name) {
+            if curve.stroke != Stroke::Dashed && !palette.names.contains(&curve.name) {
                 palette.names.push(curve.name.clone());
             }
         }
         palette
     }
 
-    fn color(&self, name: &str) -> RGBColor {
-        let at = self.names.iter().position(|known| known == name).unwrap_or(0);
+    /// Bounds and fronts, which are dashed, are black.
+    fn color(&self, curve: &Curve) -> RGBColor {
+        if curve.stroke == Stroke::Dashed {
+            return BLACK;
+        }
+        let at = self.names.iter().position(|known| *known == curve.name).unwrap_or(0);
         COLORS[at % COLORS.len()]
     }
 }
@@ -62,6 +70,7 @@ struct Along {
     linear: RangedCoordf64,
     range: Range<f64>,
     scale: Scale,
+    is_bytes: bool,
 }
 
 impl Along {
@@ -74,7 +83,7 @@ impl Along {
         let low = if axis.scale == Scale::Linear && low >= 0.0 { 0.0 } else { low - room };
         let high = high + room;
         let range = value_at(axis.scale, low)..value_at(axis.scale, high);
-        Self { linear: (low..high).into(), range, scale: axis.scale }
+        Self { linear: (low..high).into(), range, scale: axis.scale, is_bytes: axis.is_bytes }
     }
 }
 
@@ -104,6 +113,7 @@ impl Ranged for Along {
     fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
         match self.scale {
             Scale::Linear => self.linear.key_points(hint),
+            Scale::Log { .. } if self.is_bytes => doublings(&self.range, hint.max_num_points()),
             Scale::Log { .. } => decades(&self.range, hint.max_num_points()),
         }
     }
@@ -132,6 +142,13 @@ fn decades(range: &Range<f64>, most: usize) -> Vec<f64> {
         let every = all.len().div_ceil(most.max(1)).max(1);
         all.into_iter().step_by(every).collect()
     })
+}
+
+/// Powers of two, as many as there is room for.
+fn doublings(range: &Range<f64>, most: usize) -> Vec<f64> {
+    let (first, last) = (range.start.max(1.0).log2().ceil() as i32, range.end.max(1.0).log2().floor() as i32);
+    let every = (last - first + 1).max(1) as usize / most.max(1) + 1;
+    (first..=last).step_by(every).map(|exponent| 2f64.powi(exponent)).collect()
 }
 
 /// A number for an axis: three digits that count.
@@ -170,11 +187,12 @@ type Chart<'a> = ChartContext<'a, SVGBackend<'a>, Cartesian2d<Along, Along>>;
 fn draw<'a>(panel: &'a Panel, palette: &Palette, text: &'a mut String) -> Drawn {
     let area: Area<'_> = SVGBackend::with_string(text, PANEL_PX).into_drawing_area();
     area.fill(&WHITE)?;
+    let (plot, legend) = area.split_horizontally(PANEL_PX.0 - LEGEND_PX);
     let spots = || panel.curves.iter().flat_map(|curve| &curve.spots);
-    let mut chart = ChartBuilder::on(&area)
+    let mut chart = ChartBuilder::on(&plot)
         .caption(&panel.title, ("sans-serif", 15))
         .margin(8)
-        .margin_right(24)
+        .margin_right(14)
         .x_label_area_size(42)
         .y_label_area_size(64)
         .build_cartesian_2d(
@@ -195,42 +213,48 @@ fn draw<'a>(panel: &'a Panel, palette: &Palette, text: &'a mut String) -> Drawn 
         .y_label_formatter(&|value| label(&panel.y, *value))
         .draw()?;
     draw_curves(panel, palette, &mut chart)?;
+    draw_legend(panel, palette, &legend)?;
     area.present()?;
     Ok(())
 }
 
-fn draw_curves<'a>(panel: &'a Panel, palette: &Palette, chart: &mut Chart<'a>) -> Drawn {
-    let (mut names, mut written) = (Vec::new(), Written::default());
+fn draw_curves(panel: &Panel, palette: &Palette, chart: &mut Chart<'_>) -> Drawn {
+    let mut written = Written::default();
     for curve in &panel.curves {
-        let color = palette.color(&curve.name);
+        let color = palette.color(curve);
         let at = |spot: &Spot| (spot.x, spot.y);
         let spots = || curve.spots.iter().filter(|spot| spot.x.is_finite() && spot.y.is_finite());
-        let annotated = match curve.stroke {
+        match curve.stroke {
             Stroke::Line | Stroke::Dotted => {
-                chart.draw_series(LineSeries::new(spots().map(at), color.stroke_width(2)))?
+                chart.draw_series(LineSeries::new(spots().map(at), color.stroke_width(2)))?;
             }
-            Stroke::Dashed => chart.draw_series(DashedLineSeries::new(spots().map(at), 5, 4, color.stroke_width(2)))?,
-            Stroke::Points => chart.draw_series(spots().map(|spot| Circle::new(at(spot), 3, color.filled())))?,
-        };
-        if !names.contains(&&curve.name) {
-            names.push(&curve.name);
-            annotated
-                .label(&curve.name)
-                .legend(move |(x, y)| Rectangle::new([(x, y - 4), (x + 14, y + 4)], color.filled()));
+            Stroke::Dashed => {
+                chart.draw_series(DashedLineSeries::new(spots().map(at), 5, 4, color.stroke_width(1)))?;
+            }
+            Stroke::Points => {}
         }
-        if curve.stroke == Stroke::Dotted {
+        if matches!(curve.stroke, Stroke::Points | Stroke::Dotted) {
             chart.draw_series(spots().map(|spot| Circle::new(at(spot), 3, color.filled())))?;
         }
         name_spots(spots(), color, chart, &mut written)?;
     }
-    if names.len() > 1 {
-        chart
-            .configure_series_labels()
-            .position(SeriesLabelPosition::UpperRight)
-            .background_style(WHITE.mix(0.85))
-            .border_style(BLACK.mix(0.2))
-            .label_font(("sans-serif", 12))
-            .draw()?;
+    Ok(())
+}
+
+/// Names and colours of all curves.
+fn draw_legend(panel: &Panel, palette: &Palette, area: &Area<'_>) -> Drawn {
+    let mut names: Vec<&str> = Vec::new();
+    for curve in &panel.curves {
+        if names.contains(&curve.name.as_str()) {
+            continue;
+        }
+        let y = LEGEND_TOP_PX + LEGEND_LINE_PX * names.len() as i32;
+        let half_px = if curve.stroke == Stroke::Dashed { 1 } else { 4 };
+        let color = palette.color(curve).filled();
+        area.draw(&Rectangle::new([(2, y - half_px), (16, y + half_px)], color))?;
+        let style = TextStyle::from(("sans-serif", 12).into_font()).pos(Pos::new(HPos::Left, VPos::Center));
+        area.draw(&Text::new(curve.name.clone(), (22, y), style))?;
+        names.push(&curve.name);
     }
     Ok(())
 }
@@ -279,6 +303,8 @@ mod tests {
         assert_eq!(told, ["0", "0.25", "1", "1234", "45.7 k", "2.5 M", "3 G"]);
         assert_eq!(decades(&(0.7..600.0), 8), [1.0, 3.0, 10.0, 30.0, 100.0, 300.0]);
         assert_eq!(decades(&(2.5..12.0), 8), [5.0, 10.0]);
+        assert_eq!(doublings(&(3.0..70.0), 8), [4.0, 8.0, 16.0, 32.0, 64.0]);
+        assert_eq!(doublings(&(1.0..1e9), 8).len(), 8);
     }
 
     #[test]

@@ -2,7 +2,7 @@
 
 use super::choose::{self, FrameTimes, Recommended};
 use super::figure::Figure;
-use super::figures::{Runs, accuracy, debt, fetch, speed, waits};
+use super::figures::{Runs, accuracy, debt, fetch, modelled, speed, waits};
 use super::flown::{Flown, runs_sheet};
 use super::page::{self, Entry, Frame};
 use super::plot::PlotError;
@@ -58,6 +58,7 @@ impl Report<'_> {
             fetch::fetch_by_footprint(&runs),
             speed::debt_by_speed(&runs),
             speed::cost_by_size(&runs),
+            modelled::over_modelling(&runs),
         ];
         made.into_iter().filter(|figure| !figure.sheet.rows.is_empty()).collect()
     }

@@ -118,6 +118,12 @@ impl Sweep {
         }
     }
 
+    /// Whether over-modelling is measured in a run: for our policy at each tolerance, and each policy at the base.
+    pub fn measures_needs(&self, run: &Run) -> bool {
+        let base = self.base(run.flight, run.storage);
+        *run == Run { tolerance_px: run.tolerance_px, ..base } || *run == Run { policy: run.policy, ..base }
+    }
+
     /// Whether a run's frames are kept one by one: all policies at the base, and the one that waits.
     pub fn keeps_series(&self, run: &Run) -> bool {
         let base = self.base(run.flight, run.storage);

@@ -2,7 +2,9 @@
 
 pub mod accuracy;
 pub mod debt;
+pub mod distance;
 pub mod fetch;
+pub mod modelled;
 pub mod speed;
 pub mod waits;
 
