@@ -113,13 +113,28 @@ fn place(text: &str) -> Result<(f64, f64), String> {
 }
 
 fn main() -> ExitCode {
-    match run(Arguments::parse()) {
+    let arguments = match Arguments::try_parse() {
+        Ok(arguments) => arguments,
+        Err(error) if error.use_stderr() => return refuse(&error),
+        Err(help) => return if help.print().is_ok() { ExitCode::SUCCESS } else { ExitCode::FAILURE },
+    };
+    match run(arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("stoop-chart: {error:#}");
             ExitCode::FAILURE
         }
     }
+}
+
+/// Wrong usage in one line.
+fn refuse(error: &clap::Error) -> ExitCode {
+    let text = error.to_string();
+    // Clap adds usage and hints in paragraphs of their own.
+    let said = text.split("\n\nUsage:").next().and_then(|said| said.split("\n\nFor more").next()).unwrap_or(&text);
+    let said: Vec<&str> = said.trim_start_matches("error: ").split_whitespace().collect();
+    eprintln!("stoop-chart: {}; see --help", said.join(" "));
+    ExitCode::from(2)
 }
 
 fn run(arguments: Arguments) -> anyhow::Result<()> {

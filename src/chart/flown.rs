@@ -28,6 +28,7 @@ pub struct Moment {
     pub would_have_waited: bool,
     /// Where they were measured, in one frame each half second.
     pub drawn_over_needed: Option<f64>,
+    pub drawn_over_front: Option<f64>,
     pub resident_over_needed: Option<f64>,
 }
 
@@ -45,12 +46,14 @@ pub struct Measured {
     pub cells_tested_mean: f64,
     pub objects_drawn_mean: f64,
     pub waiting_frames: u64,
-    /// Over-modelling, of one frame each half second, without occlusion: triangles drawn over needed, stored bytes held over
-    /// needed, and the ground's needed triangles over those of one cut over the whole view.
-    pub drawn_over_needed_mean: Option<f64>,
+    /// Over-modelling, of one frame each half second, without occlusion: sums over sums of triangles drawn and needed in view,
+    /// and of the needed reps as wholes; of stored bytes held and needed; and of the ground's needed triangles and those
+    /// of one cut over the whole view.
+    pub drawn_over_needed: Option<f64>,
     pub drawn_over_needed_max: Option<f64>,
-    pub resident_over_needed_mean: Option<f64>,
-    pub needed_over_view_cut_mean: Option<f64>,
+    pub drawn_over_front: Option<f64>,
+    pub resident_over_needed: Option<f64>,
+    pub needed_over_view_cut: Option<f64>,
     pub needed_triangles_mean: Option<f64>,
     pub needed_bytes_mean: Option<f64>,
 }
@@ -141,6 +144,7 @@ impl Meter {
             waited_s: report.waited_s,
             would_have_waited: report.would_have_waited,
             drawn_over_needed: report.drawn_over_needed(),
+            drawn_over_front: report.drawn_over_front(),
             resident_over_needed: report.resident_over_needed(),
         });
         if since_s < WARM_S - 1e-9 {
@@ -171,9 +175,8 @@ impl Meter {
         let warm = self.warm;
         let mean = |values: &[f64]| Distribution::of(values.iter().copied()).map_or(0.0, |spread| spread.mean);
         let errors = Distribution::of(warm.errors_px);
-        let modelled =
-            |figure: fn(&FrameReport) -> Option<f64>| Distribution::of(warm.modelled.iter().filter_map(figure));
-        let drawn = modelled(FrameReport::drawn_over_needed);
+        let modelled = &warm.modelled;
+        let ratio = |of: Count, whole: Count| ratio(modelled, of, whole);
         Measured {
             debt_mean_px: mean(&warm.debts_px),
             error_mean_px: errors.map(|errors| errors.mean),
@@ -184,15 +187,27 @@ impl Meter {
             cells_tested_mean: mean(&warm.cells_tested),
             objects_drawn_mean: mean(&warm.objects_drawn),
             waiting_frames: warm.waiting_frames,
-            drawn_over_needed_mean: drawn.map(|spread| spread.mean),
-            drawn_over_needed_max: drawn.map(|spread| spread.max),
-            resident_over_needed_mean: modelled(FrameReport::resident_over_needed).map(|spread| spread.mean),
-            needed_over_view_cut_mean: modelled(FrameReport::needed_over_view_cut).map(|spread| spread.mean),
-            needed_triangles_mean: modelled(|report| report.needed_triangles.map(|n| n as f64))
-                .map(|spread| spread.mean),
-            needed_bytes_mean: modelled(|report| report.needed_bytes.map(|n| n as f64)).map(|spread| spread.mean),
+            drawn_over_needed: ratio(|report| report.modelled_triangles, |report| report.needed_triangles),
+            drawn_over_needed_max: modelled.iter().filter_map(FrameReport::drawn_over_needed).reduce(f64::max),
+            drawn_over_front: ratio(|report| report.modelled_triangles, |report| report.front_triangles),
+            resident_over_needed: ratio(|report| report.resident_bytes, |report| report.needed_bytes),
+            needed_over_view_cut: ratio(|report| report.needed_ground_triangles, |report| report.view_cut_triangles),
+            needed_triangles_mean: mean_of(modelled, |report| report.needed_triangles),
+            needed_bytes_mean: mean_of(modelled, |report| report.needed_bytes),
         }
     }
+}
+
+type Count = fn(&FrameReport) -> Option<u64>;
+
+/// A sum over a sum.
+fn ratio(reports: &[FrameReport], of: Count, whole: Count) -> Option<f64> {
+    let sum = |figure: Count| reports.iter().filter_map(figure).sum::<u64>() as f64;
+    (sum(whole) > 0.0).then(|| sum(of) / sum(whole))
+}
+
+fn mean_of(reports: &[FrameReport], figure: Count) -> Option<f64> {
+    Distribution::of(reports.iter().filter_map(figure).map(|count| count as f64)).map(|spread| spread.mean)
 }
 
 /// All runs as rows: the settings, then all that was measured.

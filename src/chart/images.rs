@@ -67,7 +67,7 @@ pub fn picture_errors(library: &Library, source: &Source, sweep: &Sweep, count: 
     for flight in 0..sweep.flights.len() {
         let base = sweep.base(flight, sweep.storages[0]);
         let runs: Vec<Run> = sweep.tolerances_px.iter().map(|&tolerance_px| Run { tolerance_px, ..base }).collect();
-        let times_s = times_s(sweep.flights[flight].path.duration_s() / base.speed, count);
+        let times_s = times_s(sweep.flight(&base).path.duration_s(), sweep.step_s, count);
         let references = references(source, sweep, &base, &times_s)?;
         for run in runs {
             let pictures = pictures(library, source, sweep, &run, &times_s)?;
@@ -79,9 +79,10 @@ pub fn picture_errors(library: &Library, source: &Source, sweep: &Sweep, count: 
     Ok(figure(sweep, &shots))
 }
 
-/// In the middle of as many equal parts.
-fn times_s(duration_s: f64, count: u32) -> Vec<f64> {
-    (0..count).map(|at| duration_s * (f64::from(at) + 0.5) / f64::from(count)).collect()
+/// In the middle of as many equal parts, at a frame.
+fn times_s(duration_s: f64, step_s: f64, count: u32) -> Vec<f64> {
+    let middle_s = |at: u32| duration_s * (f64::from(at) + 0.5) / f64::from(count);
+    (0..count).map(|at| (middle_s(at) / step_s).floor() * step_s).collect()
 }
 
 fn view(sweep: &Sweep, run: &Run, since_s: f64) -> View {
@@ -196,6 +197,6 @@ mod tests {
         assert!((off.rms - 10.0).abs() < 1e-3 && off.flip > 0.01, "{off:?}");
         assert!(compare(&gray(100), &gray(200)).unwrap().flip > off.flip);
         assert!(compare(&gray(100), &RgbImage::new(3, 3)).is_err());
-        assert_eq!(times_s(10.0, 2), [2.5, 7.5]);
+        assert_eq!(times_s(10.0, 1.0, 2), [2.0, 7.0]);
     }
 }

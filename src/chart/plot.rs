@@ -28,7 +28,8 @@ const COLORS: [RGBColor; 7] = [
 /// How much room is left beyond the outermost values, as a share.
 const ROOM: f64 = 0.06;
 /// Steps of a logarithmic axis within a decade, from few labels to many.
-const DECADE_STEPS: [&[f64]; 3] = [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0]];
+const DECADE_STEPS: [&[f64]; 4] =
+    [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]];
 
 #[derive(Debug, thiserror::Error)]
 #[error("cannot draw the chart {title:?}: {cause}")]
@@ -144,11 +145,19 @@ fn decades(range: &Range<f64>, most: usize) -> Vec<f64> {
     })
 }
 
-/// Powers of two, as many as there is room for.
+/// Powers of two and, where the range is short, parts between them; no more than there is room for.
 fn doublings(range: &Range<f64>, most: usize) -> Vec<f64> {
-    let (first, last) = (range.start.max(1.0).log2().ceil() as i32, range.end.max(1.0).log2().floor() as i32);
-    let every = (last - first + 1).max(1) as usize / most.max(1) + 1;
-    (first..=last).step_by(every).map(|exponent| 2f64.powi(exponent)).collect()
+    let (first, last) = (range.start.max(1.0).log2().floor() as i32, range.end.max(1.0).log2().ceil() as i32);
+    let of = |steps: &[f64]| -> Vec<f64> {
+        let all = (first..=last).flat_map(|exponent| steps.iter().map(move |step| step * 2f64.powi(exponent)));
+        all.filter(|value| range.contains(value)).collect()
+    };
+    let whole = of(&[1.0]);
+    if whole.len() > 3 {
+        let every = whole.len().div_ceil(most.max(1)).max(1);
+        return whole.into_iter().step_by(every).collect();
+    }
+    of(&[1.0, 1.25, 1.5, 1.75])
 }
 
 /// A number for an axis: three digits that count.
@@ -302,9 +311,10 @@ mod tests {
         let told = [0.0, 0.25, 1.0, 1234.0, 45_678.0, 2.5e6, 3e9].map(short);
         assert_eq!(told, ["0", "0.25", "1", "1234", "45.7 k", "2.5 M", "3 G"]);
         assert_eq!(decades(&(0.7..600.0), 8), [1.0, 3.0, 10.0, 30.0, 100.0, 300.0]);
-        assert_eq!(decades(&(2.5..12.0), 8), [5.0, 10.0]);
+        assert_eq!(decades(&(2.5..12.0), 9), [3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0]);
         assert_eq!(doublings(&(3.0..70.0), 8), [4.0, 8.0, 16.0, 32.0, 64.0]);
         assert_eq!(doublings(&(1.0..1e9), 8).len(), 8);
+        assert_eq!(doublings(&(40.0..70.0), 8), [40.0, 48.0, 56.0, 64.0]);
     }
 
     #[test]

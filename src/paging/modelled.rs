@@ -10,8 +10,9 @@ use crate::select::{SelectParams, Selection, StoredPages, needed};
 pub struct Modelled {
     /// Of the frame's pieces, cut as they are drawn and with their skirts, and of its objects.
     pub drawn_triangles: u64,
-    /// See [`crate::select::Needed`].
+    /// Those with a part in view, and all of the reps that those belong to; see [`crate::select::Needed`].
     pub needed_triangles: u64,
+    pub front_triangles: u64,
     pub view_cut_triangles: u64,
     /// Of the needed triangles those of the ground: what a cut over the whole view is compared with.
     pub needed_ground_triangles: u64,
@@ -34,6 +35,7 @@ impl Modelled {
         Self {
             drawn_triangles: drawn_triangles(selection),
             needed_triangles: needed.triangles(),
+            front_triangles: needed.front_triangles(),
             view_cut_triangles: needed.view_cut_triangles,
             needed_ground_triangles: needed.terrain_triangles,
             resident_bytes,
@@ -46,6 +48,7 @@ impl FrameReport {
     pub fn take_modelled(&mut self, modelled: &Modelled) {
         self.modelled_triangles = Some(modelled.drawn_triangles);
         self.needed_triangles = Some(modelled.needed_triangles);
+        self.front_triangles = Some(modelled.front_triangles);
         self.needed_ground_triangles = Some(modelled.needed_ground_triangles);
         self.view_cut_triangles = Some(modelled.view_cut_triangles);
         self.resident_bytes = Some(modelled.resident_bytes);
@@ -55,6 +58,11 @@ impl FrameReport {
     /// Drawn over needed triangles; aim: at most 1.3.
     pub fn drawn_over_needed(&self) -> Option<f64> {
         share(self.modelled_triangles, self.needed_triangles)
+    }
+
+    /// Drawn triangles over those of the needed reps, which the view need not hold wholly.
+    pub fn drawn_over_front(&self) -> Option<f64> {
+        share(self.modelled_triangles, self.front_triangles)
     }
 
     /// Held over needed bytes, as stored.

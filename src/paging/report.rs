@@ -73,6 +73,7 @@ pub struct FrameReport {
     /// Over-modelling, without occlusion (see [`Modelled`](super::Modelled)); `None` where it was not measured.
     pub modelled_triangles: Option<u64>,
     pub needed_triangles: Option<u64>,
+    pub front_triangles: Option<u64>,
     pub needed_ground_triangles: Option<u64>,
     pub view_cut_triangles: Option<u64>,
     pub resident_bytes: Option<u64>,

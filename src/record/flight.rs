@@ -106,9 +106,11 @@ pub struct FlightSummary {
     pub ahead_bytes: u64,
     /// Times that frames waited for their pages, by the virtual or the real clock, seconds; null where none did.
     pub waited_s: Option<Distribution>,
-    /// Over-modelling, without occlusion, over the frames in which it was measured: triangles drawn over needed, stored
-    /// bytes held over needed, and the ground's needed triangles over those of one cut over the whole view.
+    /// Over-modelling, without occlusion, over the frames in which it was measured: triangles drawn over those needed in view
+    /// and over those of the needed reps as wholes, stored bytes held over needed, and the ground's needed triangles over
+    /// those of one cut over the whole view.
     pub drawn_over_needed: Option<Distribution>,
+    pub drawn_over_front: Option<Distribution>,
     pub resident_over_needed: Option<Distribution>,
     pub needed_over_view_cut: Option<Distribution>,
 }
@@ -184,6 +186,7 @@ impl FlightLog {
             ahead_bytes: total(|frame| frame.ahead_bytes),
             waited_s: spread(|frame| frame.waited_s).filter(|waits| waits.max > 0.0),
             drawn_over_needed: modelled(FrameReport::drawn_over_needed),
+            drawn_over_front: modelled(FrameReport::drawn_over_front),
             resident_over_needed: modelled(FrameReport::resident_over_needed),
             needed_over_view_cut: modelled(FrameReport::needed_over_view_cut),
         }

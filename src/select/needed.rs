@@ -50,16 +50,25 @@ impl StoredPages for LiveTree {
 pub struct Needed {
     /// Pages that a part in view is drawn from.
     pub pages: BTreeMap<PageId, Place>,
+    /// Of the ground and of objects, each with a part in view.
     pub terrain_triangles: u64,
     pub object_triangles: u64,
+    /// Of the ground's pages as wholes: what pages reach beyond the view is in it.
+    pub page_triangles: u64,
     /// Of the ground, were each page's network cut to the tolerance at the distance of each triangle instead of that of
     /// the page's nearest part (Lindstrom & Pascucci 2001; conforming inside pages): one cut over the whole view.
     pub view_cut_triangles: u64,
 }
 
 impl Needed {
+    /// Those in view.
     pub fn triangles(&self) -> u64 {
         self.terrain_triangles + self.object_triangles
+    }
+
+    /// Those of the front's reps, were the ground's pages not cut.
+    pub fn front_triangles(&self) -> u64 {
+        self.page_triangles + self.object_triangles
     }
 }
 
@@ -104,7 +113,7 @@ impl Walk<'_> {
         let mut ground = above.clone();
         self.take_page(cell, node.as_ref(), &mut ground);
         let Some((page, place)) = ground.page.clone() else { return };
-        let parts = self.parts(&page, cell);
+        let (parts, of_page) = self.parts(&page, cell);
         let nearest_m = parts.iter().map(|part| part.distance_m).fold(f64::INFINITY, f64::min);
         let distance_m = if parts.is_empty() { around.distance_m(self.sight.eye) } else { nearest_m };
         let px_per_m = self.sight.view.projected_px(1.0, distance_m);
@@ -112,6 +121,7 @@ impl Walk<'_> {
         if ground.terrain_settled && !above.terrain_settled && !parts.is_empty() {
             self.found.pages.insert(PageId { cell: page.cell, kind: PageKind::Terrain }, place);
             self.found.terrain_triangles += parts.len() as u64;
+            self.found.page_triangles += of_page as u64;
             self.found.view_cut_triangles += if page.cell == cell { self.view_cut(&page) } else { parts.len() as u64 };
         }
         if ground.terrain_settled && ground.imagery_settled {
@@ -156,12 +166,13 @@ impl Walk<'_> {
         ground.imagery_settled |= imagery;
     }
 
-    /// The parts in view of a page's surface, cut to a cell.
-    fn parts(&self, page: &TerrainPage, cell: CellId) -> Vec<Part> {
+    /// The parts in view of a page's surface, cut to a cell, and of how many triangles.
+    fn parts(&self, page: &TerrainPage, cell: CellId) -> (Vec<Part>, usize) {
         if page.cell == cell {
             let positions = page.positions();
             let corners = |triangle: &[u16; 3]| triangle.map(|at| positions[usize::from(at)]);
-            return page.triangles.iter().filter_map(|triangle| self.part(corners(triangle))).collect();
+            let parts = page.triangles.iter().filter_map(|triangle| self.part(corners(triangle)));
+            return (parts.collect(), page.triangles.len());
         }
         let mesh = page.cut(cell);
         let origin = mesh.origin.xyz();
@@ -172,7 +183,7 @@ impl Walk<'_> {
         let surface = mesh.indices.get(..mesh.surface_len as usize).unwrap_or_default();
         let corners =
             surface.chunks_exact(3).filter_map(|of| Some([position(of[0])?, position(of[1])?, position(of[2])?]));
-        corners.filter_map(|corners| self.part(corners)).collect()
+        (corners.filter_map(|corners| self.part(corners)).collect(), surface.len() / 3)
     }
 
     fn part(&self, corners: [DVec3; 3]) -> Option<Part> {

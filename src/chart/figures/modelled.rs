@@ -18,10 +18,11 @@ pub fn over_modelling(runs: &Runs<'_>) -> Figure {
             "storage",
             "policy",
             "tolerance_px",
-            "drawn_over_needed_mean",
+            "drawn_over_needed",
             "drawn_over_needed_max",
-            "resident_over_needed_mean",
-            "needed_over_view_cut_mean",
+            "drawn_over_front",
+            "resident_over_needed",
+            "needed_over_view_cut",
             "needed_triangles_mean",
             "needed_bytes_mean",
         ],
@@ -30,17 +31,18 @@ pub fn over_modelling(runs: &Runs<'_>) -> Figure {
         let base = runs.sweep.base(flight, storage);
         panels.extend(runs.get(&base).map(|flown| panel(title, flown)));
         let measured = runs.flown.iter().filter(|one| (one.run.flight, one.run.storage) == (flight, storage));
-        for one in measured.filter(|one| one.measured.drawn_over_needed_mean.is_some()) {
+        for one in measured.filter(|one| one.measured.drawn_over_needed.is_some()) {
             let figures = &one.measured;
             sheet.push([
                 runs.flight_name(flight),
                 storage.to_string().into(),
                 one.run.policy.name().into(),
                 one.run.tolerance_px.into(),
-                figures.drawn_over_needed_mean.into(),
+                figures.drawn_over_needed.into(),
                 figures.drawn_over_needed_max.into(),
-                figures.resident_over_needed_mean.into(),
-                figures.needed_over_view_cut_mean.into(),
+                figures.drawn_over_front.into(),
+                figures.resident_over_needed.into(),
+                figures.needed_over_view_cut.into(),
                 figures.needed_triangles_mean.into(),
                 figures.needed_bytes_mean.into(),
             ]);
@@ -49,11 +51,12 @@ pub fn over_modelling(runs: &Runs<'_>) -> Figure {
     Figure {
         title: "Over-modelling".into(),
         text: format!(
-            "Triangles drawn (skirts and cut edges included) over those that the picture needs, the aim being at most {AIM}; \
-             stored bytes held over those of the pages needed; and the ground's needed triangles over those of one cut over \
-             the whole view. Needed are the triangles of the stored reps that have a part in the view's pyramid before the \
-             horizon, at the tolerance and by exact distances. Occlusion is in none of these figures: what stands behind a \
-             hill counts as needed."
+            "Triangles drawn (skirts and cut edges included) over those that the picture needs, the aim being at most {AIM}: \
+             those of the stored reps with a part in the view's pyramid before the horizon, at the tolerance and by exact \
+             distances; the same over those of the needed reps as wholes (front), as pages reach beyond the view; stored bytes \
+             held over those of the pages needed; and the ground's needed triangles over those of one cut over the whole view. \
+             In the table sums over the flight are compared. Occlusion is in none of these figures: what stands behind a hill \
+             counts as needed."
         ),
         panels,
         sheet,
@@ -72,6 +75,7 @@ fn panel(title: String, flown: &Flown) -> Panel {
     let curves = vec![
         Curve::new("aim", Stroke::Dashed, aim),
         series("drawn ÷ needed", |moment| moment.drawn_over_needed),
+        series("drawn ÷ front", |moment| moment.drawn_over_front),
         series("held ÷ needed", |moment| moment.resident_over_needed),
     ];
     let (x, y) = (Axis::linear("time of the flight, s"), Axis::log("over what is needed", 0.1));
