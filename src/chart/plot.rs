@@ -27,6 +27,8 @@ const COLORS: [RGBColor; 7] = [
 ];
 /// How much room is left beyond the outermost values, as a share.
 const ROOM: f64 = 0.06;
+/// Labels of an axis of bytes, which are wide.
+const BYTE_LABELS_MAX: usize = 6;
 /// Steps of a logarithmic axis within a decade, from few labels to many.
 const DECADE_STEPS: [&[f64]; 4] =
     [&[1.0], &[1.0, 3.0], &[1.0, 2.0, 5.0], &[1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]];
@@ -115,7 +117,12 @@ impl Ranged for Along {
         match self.scale {
             Scale::Linear => self.linear.key_points(hint),
             Scale::Log { .. } if self.is_bytes => doublings(&self.range, hint.max_num_points()),
-            Scale::Log { .. } => decades(&self.range, hint.max_num_points()),
+            Scale::Log { .. } => {
+                let most = hint.max_num_points();
+                let round = decades(&self.range, most);
+                // Of a short range the values are as good as evenly spaced.
+                if round.len() > 1 { round } else { RangedCoordf64::from(self.range.clone()).key_points(most) }
+            }
         }
     }
 
@@ -152,12 +159,12 @@ fn doublings(range: &Range<f64>, most: usize) -> Vec<f64> {
         let all = (first..=last).flat_map(|exponent| steps.iter().map(move |step| step * 2f64.powi(exponent)));
         all.filter(|value| range.contains(value)).collect()
     };
-    let whole = of(&[1.0]);
-    if whole.len() > 3 {
-        let every = whole.len().div_ceil(most.max(1)).max(1);
-        return whole.into_iter().step_by(every).collect();
-    }
-    of(&[1.0, 1.25, 1.5, 1.75])
+    let steps: [&[f64]; 3] = [&[1.0, 1.25, 1.5, 1.75], &[1.0, 1.5], &[1.0]];
+    steps.into_iter().map(of).find(|values| values.len() <= BYTE_LABELS_MAX.min(most)).unwrap_or_else(|| {
+        let whole = of(&[1.0]);
+        let every = whole.len().div_ceil(BYTE_LABELS_MAX.min(most).max(1)).max(1);
+        whole.into_iter().step_by(every).collect()
+    })
 }
 
 /// A number for an axis: three digits that count.
@@ -313,7 +320,7 @@ mod tests {
         assert_eq!(decades(&(0.7..600.0), 8), [1.0, 3.0, 10.0, 30.0, 100.0, 300.0]);
         assert_eq!(decades(&(2.5..12.0), 9), [3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0]);
         assert_eq!(doublings(&(3.0..70.0), 8), [4.0, 8.0, 16.0, 32.0, 64.0]);
-        assert_eq!(doublings(&(1.0..1e9), 8).len(), 8);
+        assert_eq!(doublings(&(1.0..1e9), 8).len(), 6);
         assert_eq!(doublings(&(40.0..70.0), 8), [40.0, 48.0, 56.0, 64.0]);
     }
 

@@ -33,7 +33,7 @@ impl Modelled {
     ) -> Self {
         let needed = needed(index, view, params, pages);
         Self {
-            drawn_triangles: drawn_triangles(selection),
+            drawn_triangles: drawn_triangles(view, selection),
             needed_triangles: needed.triangles(),
             front_triangles: needed.front_triangles(),
             view_cut_triangles: needed.view_cut_triangles,
@@ -81,9 +81,11 @@ fn share(of: Option<u64>, whole: Option<u64>) -> Option<f64> {
     (whole > 0).then(|| of as f64 / whole as f64)
 }
 
-/// Triangles as the renderer draws them.
-fn drawn_triangles(selection: &Selection) -> u64 {
-    let ground = selection.pieces.iter().map(|piece| piece.terrain.cut(piece.cell).indices.len() as u64 / 3);
+/// Triangles as the renderer draws them: lists for later views hold pieces beside this one too.
+fn drawn_triangles(view: &View, selection: &Selection) -> u64 {
+    let frustum = view.frustum();
+    let in_view = selection.pieces.iter().filter(|piece| frustum.meets(&piece.around));
+    let ground = in_view.map(|piece| piece.terrain.cut(piece.cell).indices.len() as u64 / 3);
     let runs = selection.objects.iter().flat_map(|drawn| {
         let indices = |range: &std::ops::Range<u32>| drawn.page.indices_of(range.clone());
         drawn.objects.iter().map(indices)

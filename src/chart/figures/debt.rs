@@ -14,7 +14,9 @@ pub fn debt_over_time(runs: &Runs<'_>) -> Figure {
     let mut sheet = Sheet::new("debt", &["flight", "storage", "policy", "since_s", "debt_px", "bound_px"]);
     for (flight, storage, title) in runs.places() {
         let base = runs.sweep.base(flight, storage);
-        let flown: Vec<&Flown> = runs.policies(base).filter_map(|run| runs.get(&run)).collect();
+        let mut flown: Vec<&Flown> = runs.policies(base).filter_map(|run| runs.get(&run)).collect();
+        // Ours over the others.
+        flown.sort_by_key(|one| one.run.policy == base.policy);
         let bounded = flown.iter().copied().find(|one| one.series.iter().any(|moment| moment.bound_px.is_some()));
         let mut curves: Vec<Curve> = bounded.map(bound_curve).into_iter().collect();
         for one in &flown {
