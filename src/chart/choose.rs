@@ -25,11 +25,20 @@ pub struct Candidate {
     pub frame_p99_ms: Option<f64>,
 }
 
-/// What is recommended, and whether it keeps what it was chosen by.
+/// What is recommended, and what of the aims it keeps.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Recommended {
     pub candidate: Candidate,
-    pub keeps_aims: bool,
+    pub keeps: Keeps,
+}
+
+/// Which aims a choice keeps.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Keeps {
+    All,
+    /// Memory and storage hold it, but this machine is too slow for all tolerances.
+    AllButTime,
+    Nothing,
 }
 
 impl Candidate {
@@ -66,40 +75,46 @@ pub fn candidates(sweep: &Sweep, flown: &[Flown], frame_times: &FrameTimes) -> V
 }
 
 /// The finest tolerance, and of that the least footprint, that are held; no finer than the base where no flight told what
-/// this machine can draw. Where none is held, the one with the least debt.
+/// this machine can draw, or all told that it is too slow. Where none is held, the one with the least debt.
 pub fn choose(sweep: &Sweep, candidates: &[Candidate]) -> Option<Recommended> {
-    let base_px = sweep.tolerances_px[0];
-    let is_known = |one: &&Candidate| one.frame_p99_ms.is_some() || one.tolerance_px >= base_px;
-    let kept = candidates.iter().filter(is_known).filter(|one| one.is_held() && one.is_fast());
-    let finest = kept.min_by(|a, b| a.tolerance_px.total_cmp(&b.tolerance_px).then(a.footprint.cmp(&b.footprint)));
-    if let Some(&candidate) = finest {
-        return Some(Recommended { candidate, keeps_aims: true });
-    }
-    let least =
-        candidates.iter().min_by(|a, b| a.debt_mean_px.total_cmp(&b.debt_mean_px).then(a.footprint.cmp(&b.footprint)));
-    least.map(|&candidate| Recommended { candidate, keeps_aims: false })
+    let finest = |may_be: &dyn Fn(&Candidate) -> bool| {
+        let held = candidates.iter().filter(|one| one.is_held() && may_be(one));
+        held.min_by(|a, b| a.tolerance_px.total_cmp(&b.tolerance_px).then(a.footprint.cmp(&b.footprint))).copied()
+    };
+    let is_no_finer = |one: &Candidate| one.tolerance_px >= sweep.tolerances_px[0];
+    let is_slow = candidates.iter().all(|one| one.frame_p99_ms.is_some() && !one.is_fast());
+    let is_fit = |one: &Candidate| one.is_fast() && (one.frame_p99_ms.is_some() || is_no_finer(one));
+    let found = finest(&is_fit).map(|candidate| (candidate, Keeps::All));
+    let found = found.or_else(|| finest(&is_no_finer).filter(|_| is_slow).map(|one| (one, Keeps::AllButTime)));
+    let by_debt =
+        |a: &&Candidate, b: &&Candidate| a.debt_mean_px.total_cmp(&b.debt_mean_px).then(a.footprint.cmp(&b.footprint));
+    let least = || Some((*candidates.iter().min_by(by_debt)?, Keeps::Nothing));
+    found.or_else(least).map(|(candidate, keeps)| Recommended { candidate, keeps })
 }
 
 /// How a choice was made, in a sentence.
 pub fn why(sweep: &Sweep, choice: &Recommended) -> String {
     let storage = sweep.storages[0];
-    let machine = match choice.candidate.frame_p99_ms {
-        Some(_) => format!(", and 99 of 100 live frames kept {FRAME_AIM_MS} ms"),
-        None => format!(
-            "; finer ones than {} px were left out, as no live flight measured this machine",
-            sweep.tolerances_px[0]
+    let held = format!(
+        "the finest tolerance, and with it the least footprint, at which the mean debt of every flight on {storage} stayed \
+         under {DEBT_AIM_PX} px and memory never raised the tolerance"
+    );
+    let base_px = sweep.tolerances_px[0];
+    match choice.keeps {
+        Keeps::All if choice.candidate.frame_p99_ms.is_some() => {
+            format!("{held}, and 99 of 100 live frames kept {FRAME_AIM_MS} ms")
+        }
+        Keeps::All => {
+            format!("{held}; finer ones than {base_px} px were left out, as no live flight measured this machine")
+        }
+        Keeps::AllButTime => format!(
+            "{held}, no finer than {base_px} px, as 99 of 100 live frames kept {FRAME_AIM_MS} ms at none: the frame time is to \
+             be held by drawing coarser where it must"
         ),
-    };
-    if choice.keeps_aims {
-        format!(
-            "the finest tolerance, and with it the least footprint, at which the mean debt of every flight on {storage} stayed \
-             under {DEBT_AIM_PX} px and memory never raised the tolerance{machine}"
-        )
-    } else {
-        format!(
+        Keeps::Nothing => format!(
             "none of the settings kept the mean debt of every flight on {storage} under {DEBT_AIM_PX} px without raising the \
-             tolerance{machine}: this is the one with the least debt"
-        )
+             tolerance: this is the one with the least debt"
+        ),
     }
 }
 
@@ -160,7 +175,7 @@ mod tests {
             candidate(2.0, 25, 0.0),
         ];
         let choice = choose(&sweep, &all).unwrap();
-        assert_eq!((choice.candidate, choice.keeps_aims), (all[1], true));
+        assert_eq!((choice.candidate, choice.keeps), (all[1], Keeps::All));
         assert!(why(&sweep, &choice).contains("no live flight"));
         // Memory raised the tolerance there.
         all[1].tolerance_max_px = 1.5;
@@ -170,13 +185,18 @@ mod tests {
         assert_eq!(choose(&sweep, &all).unwrap().candidate, all[3]);
         all.iter_mut().for_each(|one| one.frame_p99_ms = Some(30.0 / one.tolerance_px + 10.0));
         assert_eq!(choose(&sweep, &all).unwrap().candidate, all[4]);
+        // Too slow for all: memory and storage decide, and the frame time is held otherwise.
+        all.iter_mut().for_each(|one| one.frame_p99_ms = Some(50.0));
+        let choice = choose(&sweep, &all).unwrap();
+        assert_eq!((choice.candidate, choice.keeps), (all[0], Keeps::AllButTime));
+        assert!(why(&sweep, &choice).contains("drawing coarser"));
     }
 
     #[test]
     fn where_none_is_held_the_least_debt_counts() {
         let all = [candidate(1.0, 100, 0.4), candidate(2.0, 100, 0.3)];
         let choice = choose(&sweep(), &all).unwrap();
-        assert_eq!((choice.candidate, choice.keeps_aims), (all[1], false));
+        assert_eq!((choice.candidate, choice.keeps), (all[1], Keeps::Nothing));
         assert!(why(&sweep(), &choice).starts_with("none"));
         assert_eq!(choose(&sweep(), &[]), None);
     }

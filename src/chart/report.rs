@@ -1,6 +1,6 @@
 //! What a sweep leaves in its folder: the page, the tables, the recommended profile.
 
-use super::choose::{self, FrameTimes, Recommended};
+use super::choose::{self, FRAME_AIM_MS, FrameTimes, Recommended};
 use super::figure::Figure;
 use super::figures::{Runs, accuracy, debt, fetch, modelled, speed, waits};
 use super::flown::{Flown, runs_sheet};
@@ -94,7 +94,7 @@ impl Report<'_> {
         Profile {
             tolerance_px: choice.map(|choice| choice.candidate.tolerance_px),
             footprint_bytes: choice.map(|choice| choice.candidate.footprint.0),
-            frame_ms: None,
+            frame_ms: (!self.frame_times.is_empty()).then_some(FRAME_AIM_MS),
             world: self.world.to_owned(),
             storage: self.sweep.storages[0].to_string(),
             why: choice.map_or_else(String::new, |choice| choose::why(self.sweep, choice)),
