@@ -139,6 +139,9 @@ fn rgb(size_px: [u32; 2], rgba: &[u8]) -> Result<RgbImage, ImageError> {
     RgbImage::from_raw(size_px[0], size_px[1], rgb).ok_or(ImageError::Compare(size_px))
 }
 
+/// A figure's name, and its value.
+type Told = (&'static str, fn(&PictureError) -> f64);
+
 fn figure(sweep: &Sweep, shots: &[Shot]) -> Figure {
     let mut sheet = Sheet::new("images", &["flight", "storage", "tolerance_px", "since_s", "flip", "rms"]);
     for shot in shots {
@@ -151,7 +154,7 @@ fn figure(sweep: &Sweep, shots: &[Shot]) -> Figure {
             shot.error.rms.into(),
         ]);
     }
-    let figures: [(&str, fn(&PictureError) -> f64); 2] =
+    let figures: [Told; 2] =
         [("FLIP, mean of the pictures", |error| error.flip), ("RMS, steps of 255", |error| error.rms)];
     let panels = figures.map(|(name, of)| {
         let curves = sweep.flights.iter().enumerate().map(|(at, flight)| {

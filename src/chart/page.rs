@@ -56,18 +56,18 @@ fn section(text: &mut String, entry: &Entry<'_>, palette: &Palette) -> Result<()
     let _ = write!(text, "<h2 id=\"{name}\">{}</h2>\n<p>{}</p>\n", escaped(&figure.title), escaped(&figure.text));
     text.push_str("<div class=\"panels\">\n");
     for panel in &figure.panels {
-        let _ = write!(text, "<figure style=\"margin:0\">{}</figure>\n", svg(panel, palette)?);
+        let _ = writeln!(text, "<figure style=\"margin:0\">{}</figure>", svg(panel, palette)?);
     }
     text.push_str("</div>\n");
     if figure.has_table {
         let is_all = figure.panels.is_empty();
         let (open, close) = if is_all { ("", "") } else { ("<details><summary>Numbers</summary>", "</details>") };
-        let _ = write!(text, "{open}{}{close}\n", table(&figure.sheet));
+        let _ = writeln!(text, "{open}{}{close}", table(&figure.sheet));
     }
     let file = figure.sheet.file_name();
-    let _ = write!(
+    let _ = writeln!(
         text,
-        "<p class=\"source\">All numbers: <a href=\"{file}\">{file}</a>, made by <code>{}</code></p>\n",
+        "<p class=\"source\">All numbers: <a href=\"{file}\">{file}</a>, made by <code>{}</code></p>",
         escaped(command)
     );
     Ok(())

@@ -49,18 +49,21 @@ impl Report<'_> {
     /// The figures of the sweep, in the order of the page.
     fn figures(&self) -> Vec<Figure> {
         let runs = Runs { sweep: self.sweep, flown: self.flown };
-        let made = [
+        let sweep = self.sweep;
+        let mut figures = vec![
             accuracy::accuracy(&runs),
             accuracy::dominance(&runs),
             debt::debts(&runs),
             debt::debt_over_time(&runs),
             waits::waits(&runs),
-            fetch::fetch_by_footprint(&runs),
-            speed::debt_by_speed(&runs),
-            speed::cost_by_size(&runs),
-            modelled::over_modelling(&runs),
         ];
-        made.into_iter().filter(|figure| !figure.sheet.rows.is_empty()).collect()
+        // A list of one varies nothing.
+        figures.extend((sweep.footprints.len() > 1).then(|| fetch::fetch_by_footprint(&runs)));
+        figures.extend((sweep.speeds.len() > 1).then(|| speed::debt_by_speed(&runs)));
+        figures.extend((sweep.sizes_px.len() > 1).then(|| speed::cost_by_size(&runs)));
+        figures.push(modelled::over_modelling(&runs));
+        figures.retain(|figure| !figure.sheet.rows.is_empty());
+        figures
     }
 
     /// Writes all files; each appears whole or not at all.
