@@ -29,13 +29,14 @@ const TABLE: [(&str, &[&str]); 19] = [
 ];
 
 /// Crates that only the named modules may use.
-const CRATES: [(&[&str], &[&str]); 6] = [
+const CRATES: [(&[&str], &[&str]); 7] = [
     (&["proj", "tiff", "zip", "geojson", "flatgeobuf", "geozero", "osmpbf", "tiny_skia", "exmex"], &["prepare"]),
     (&["wgpu"], &["render"]),
     (&["memmap2"], &["store"]),
     (&["object_store", "tokio", "url"], &["store"]),
     (&["winit", "egui_winit", "directories"], &["window"]),
     (&["egui"], &["render", "window"]),
+    (&["plotters", "nv_flip", "image_compare"], &["chart"]),
 ];
 
 /// What the pure middle must not name.

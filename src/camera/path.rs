@@ -127,6 +127,17 @@ impl FlightPath {
         (!samples.is_empty()).then_some(Self { fovy_rad, hz, samples, stated_arrivals_s: None })
     }
 
+    /// The same way in less time, or in more: `factor` times as fast, from the same start; above 0.
+    #[must_use]
+    pub fn at_speed(&self, factor: f64) -> Self {
+        let start_s = self.start_s();
+        let scaled = |t_s: f64| start_s + (t_s - start_s) / factor;
+        let samples = self.samples.iter().map(|sample| Sample { t_s: scaled(sample.t_s), ..*sample }).collect();
+        let arrivals = self.stated_arrivals_s.as_ref();
+        let stated_arrivals_s = arrivals.map(|times| times.iter().map(|&t_s| scaled(t_s)).collect());
+        Self { samples, stated_arrivals_s, ..*self }
+    }
+
     /// The file's text, a sample a line; angles to a nanodegree (0.1 mm), heights to a tenth of a millimetre.
     pub fn to_json(&self) -> String {
         let sample = |sample: &Sample| {
@@ -300,6 +311,16 @@ mod tests {
         assert!((pose.pitch_rad.to_degrees() + 35.0).abs() < 1e-12);
         assert_eq!(path.at(-5.0), path.at(1.0));
         assert_eq!(path.at(50.0), path.at(3.0));
+    }
+
+    #[test]
+    fn a_faster_flight_passes_the_same_places() {
+        let path = parse(&with_samples("[[-30, 1, 10, 99, 20, 1000, 90], [-40, 3, 12, 0, 22, 3000, 90]]")).unwrap();
+        let fast = path.at_speed(4.0);
+        assert_eq!((fast.start_s(), fast.duration_s(), fast.hz()), (1.0, 0.5, 30.0));
+        assert_eq!(fast.at(1.25), path.at(2.0));
+        let text = with_samples("[[-30, 1, 10, 99, 20, 1000, 90]]").replace("\"note\": 1", "\"arrivals_s\": [3]");
+        assert_eq!(parse(&text).unwrap().at_speed(2.0).arrivals_s(|_, _| 0.0), [2.0]);
     }
 
     #[test]

@@ -124,6 +124,11 @@ pub struct Frustum {
 }
 
 impl Frustum {
+    /// Unit normals of the side planes, which point inside.
+    pub fn inward(&self) -> [DVec3; 4] {
+        self.inward
+    }
+
     /// Whether a box may be inside: false only when it lies wholly outside one plane.
     pub fn meets(&self, bounds: &OrientedBox) -> bool {
         let to_center = (bounds.center - self.eye).xyz();

@@ -15,7 +15,7 @@ pub const WARM_S: f64 = 2.0;
 const EXCESS_CLAIM_PX: f64 = 4.0;
 
 /// A flight with its name.
-#[derive(Clone)]
+#[derive(Clone, Debug)]
 pub struct Flight {
     pub name: String,
     pub path: Arc<FlightPath>,
@@ -35,7 +35,7 @@ pub struct Case {
 }
 
 /// What became of a run.
-#[derive(Clone, Debug, Default, PartialEq)]
+#[derive(Clone, Debug, Default, PartialEq, serde::Serialize)]
 pub struct Outcome {
     /// Debt of the cold start and after it, px·s, and the bounds of both.
     pub cold_debt_px_s: f64,
@@ -76,7 +76,7 @@ pub fn run(library: &Library, flights: &[Flight], cases: &[Case]) -> Result<Vec<
             let flight = &flights[case.flight];
             let mut tally = Tally::new(flight, case.setup.step_s, &bounds[&BoundKey::of(case)]);
             let wasted_bytes = fly(library, &flight.path, Setup { bound: false, ..case.setup }, |frame, _| {
-                tally.take(frame.report);
+                tally.take(&frame.report);
                 true
             })?;
             Ok(Outcome { wasted_bytes, ..tally.finish() })
@@ -128,7 +128,7 @@ fn bounds(library: &Library, flights: &[Flight], cases: &[Case]) -> BTreeMap<Bou
 }
 
 /// Sums up a flight frame by frame.
-struct Tally<'a> {
+pub(super) struct Tally<'a> {
     flight: &'a Flight,
     step_s: f64,
     bounds: &'a [f64],
@@ -140,12 +140,12 @@ struct Tally<'a> {
 }
 
 impl<'a> Tally<'a> {
-    fn new(flight: &'a Flight, step_s: f64, bounds: &'a [f64]) -> Self {
+    pub(super) fn new(flight: &'a Flight, step_s: f64, bounds: &'a [f64]) -> Self {
         let open = flight.arrivals_s.clone();
         Self { flight, step_s, bounds, outcome: Outcome::default(), last: None, open, waits_s: Vec::new() }
     }
 
-    fn take(&mut self, report: FrameReport) {
+    pub(super) fn take(&mut self, report: &FrameReport) {
         // What was waited for is shown when it is there; until then the frame before stands.
         let since_s = report.t_s + report.waited_s - self.flight.path.start_s();
         let bound_px = self.bounds.get((since_s / self.step_s).round() as usize).copied().unwrap_or(0.0);
@@ -190,7 +190,7 @@ impl<'a> Tally<'a> {
         });
     }
 
-    fn finish(mut self) -> Outcome {
+    pub(super) fn finish(mut self) -> Outcome {
         let end_s = self.flight.path.end_s();
         self.waits_s.extend(self.open.iter().map(|arrival_s| (end_s - arrival_s).max(0.0)));
         let count = self.waits_s.len().max(1) as f64;

@@ -139,6 +139,12 @@ impl TerrainPage {
         Surface::new(self, own)
     }
 
+    /// Where the posts are, ECEF metres, at the page's own heights.
+    pub fn positions(&self) -> Vec<DVec3> {
+        let bounds = self.cell.bounds();
+        (0..self.posts.len()).map(|at| self.position(&bounds, at, 1.0)).collect()
+    }
+
     /// Where a post is drawn.
     pub(super) fn position(&self, bounds: &GeoBounds, index: usize, own: f64) -> DVec3 {
         let post = &self.posts[index];

@@ -7,7 +7,9 @@ use super::sink::PageSink;
 use super::{EngineError, EngineParams, Mode, Source};
 use crate::camera::View;
 use crate::layout::{Ride, RideCounts, Rider, times_ahead_s};
-use crate::paging::{DrawnLevels, DrawnTolerance, Frame, FrameReport, FrameTimings, KnownWay, Lack, Planner, Totals};
+use crate::paging::{
+    DrawnLevels, DrawnTolerance, Frame, FrameReport, FrameTimings, KnownWay, Lack, Modelled, Planner, Totals,
+};
 use crate::render::Renderer;
 use crate::select::{Demand, OutOfView, SelectParams, Selection, select_raised};
 use std::time::{Duration, Instant};
@@ -238,6 +240,12 @@ impl Scene {
     fn select_at(&self, view: &View, factor: f64) -> Selection {
         let params = self.select_params();
         select_raised(&self.residency.index, &self.residency.cells, view, &params, params.tolerance_px * factor)
+    }
+
+    /// What a selection draws and holds beyond what its picture needs, as far as resident pages tell.
+    pub fn modelled(&self, view: &View, selection: &Selection) -> Modelled {
+        let Residency { index, cells, usage, .. } = &self.residency;
+        Modelled::of(index, view, &self.select_params(), selection, cells, usage.resident_bytes())
     }
 
     fn lift(&mut self, selection: &Selection, sink: &mut dyn PageSink) {

@@ -5,6 +5,7 @@ mod estimate;
 mod forecast;
 mod levels;
 mod manager;
+mod modelled;
 mod order;
 mod pace;
 mod planner;
@@ -24,6 +25,7 @@ pub use manager::{
     Command, Completion, Event, LayerCounts, Limits, ManagerError, ManagerStats, PageCounts, PageState, RangeRead,
     RequestManager, least_footprint_bytes,
 };
+pub use modelled::Modelled;
 pub use order::{is_front, ranked};
 pub use pace::Pace;
 pub use planner::{Frame, Planner, PlannerParams};

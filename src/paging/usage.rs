@@ -52,6 +52,11 @@ impl Usage {
         }
     }
 
+    /// Stored bytes of the pages that were read and are still held.
+    pub fn resident_bytes(&self) -> u64 {
+        self.resident.values().map(|read| read.bytes).sum()
+    }
+
     /// Bytes of reads that were drawn at least once, so far.
     pub fn drawn_bytes(&self) -> u64 {
         self.drawn_bytes

@@ -107,6 +107,13 @@ pub struct FlightSummary {
     pub ahead_bytes: u64,
     /// Times that frames waited for their pages, by the virtual or the real clock, seconds; null where none did.
     pub waited_s: Option<Distribution>,
+    /// Over-modelling, without occlusion, over the frames in which it was measured: triangles drawn over those needed in view
+    /// and over those of the needed reps as wholes, stored bytes held over needed, and the ground's needed triangles over
+    /// those of one cut over the whole view.
+    pub drawn_over_needed: Option<Distribution>,
+    pub drawn_over_front: Option<Distribution>,
+    pub resident_over_needed: Option<Distribution>,
+    pub needed_over_view_cut: Option<Distribution>,
 }
 
 /// The frames of a flight.
@@ -132,6 +139,7 @@ impl FlightLog {
         let spread = |figure: fn(&FrameReport) -> f64| Distribution::of(frames.iter().map(figure));
         // A virtual clock tells nothing of this machine.
         let measured = |figure: fn(&FrameReport) -> f64| spread(figure).filter(|_| !header.is_virtual());
+        let modelled = |figure: fn(&FrameReport) -> Option<f64>| Distribution::of(frames.iter().filter_map(figure));
         let total = |figure: fn(&FrameReport) -> u64| frames.iter().map(figure).sum::<u64>();
         let highest = |figure: fn(&FrameReport) -> f64| frames.iter().map(figure).fold(0.0, f64::max);
         let bytes_read = total(|frame| frame.bytes_read);
@@ -180,6 +188,10 @@ impl FlightLog {
             front_bytes: total(|frame| frame.front_bytes),
             ahead_bytes: total(|frame| frame.ahead_bytes),
             waited_s: spread(|frame| frame.waited_s).filter(|waits| waits.max > 0.0),
+            drawn_over_needed: modelled(FrameReport::drawn_over_needed),
+            drawn_over_front: modelled(FrameReport::drawn_over_front),
+            resident_over_needed: modelled(FrameReport::resident_over_needed),
+            needed_over_view_cut: modelled(FrameReport::needed_over_view_cut),
         }
     }
 

@@ -6,10 +6,12 @@ mod front;
 mod ground;
 mod layer;
 mod measure;
+mod needed;
 mod objects;
 mod region;
 mod sight;
 mod skirts;
+mod solid;
 
 use crate::camera::View;
 use crate::cells::LiveTree;
@@ -28,6 +30,7 @@ pub use collections::CollectionSet;
 pub use demands::{SHARE_MIN, service_order};
 pub use front::STAND_IN_LEVELS;
 pub use layer::{Rep, ground_page};
+pub use needed::{Needed, StoredPages, needed};
 pub use region::{FrontRegion, VisitRegion};
 
 /// VGIS's four ways to draw objects (Davis et al. 1999, §V).

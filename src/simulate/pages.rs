@@ -1,10 +1,12 @@
 //! Pages for simulated runs, decoded once and shared by all of them.
 
 use super::run::FIXED_BYTES;
-use crate::content::{ImageryPage, LAYOUT_AT, Page, PageId, PageKind};
+use crate::content::{ImageryPage, LAYOUT_AT, ObjectPage, Page, PageId, PageKind, TerrainPage};
+use crate::forest::CellId;
 use crate::forest::index::{IndexError, IndexForest, Place};
 use crate::layout::{Layout, LinearOrder, reordered};
 use crate::paging::{PageReader, ReadError};
+use crate::select::StoredPages;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -74,5 +76,21 @@ impl Library {
     /// The cache stays meaningful whatever a holder of the lock did.
     fn lock(&self) -> std::sync::MutexGuard<'_, Cache> {
         self.cache.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+impl StoredPages for Library {
+    fn terrain(&self, cell: CellId, place: Place) -> Option<Arc<TerrainPage>> {
+        match self.page(PageId { cell, kind: PageKind::Terrain }, place) {
+            Ok(Page::Terrain(page)) => Some(page),
+            _ => None,
+        }
+    }
+
+    fn objects(&self, page: PageId, place: Place) -> Option<Arc<ObjectPage>> {
+        match self.page(page, place) {
+            Ok(Page::Objects(page, _)) => Some(page),
+            _ => None,
+        }
     }
 }

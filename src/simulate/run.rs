@@ -9,8 +9,8 @@ use crate::forest::index::{IndexForest, Place};
 use crate::layout::{Ride, RideCounts, Rider, Run, RunCause, times_ahead_s};
 use crate::paging::{
     Command, Completion, DrawnLevels, DrawnTolerance, Event, Frame as Seen, FrameReport, Lack, Limits, ManagerError,
-    Planner, PlannerParams, PolicyName, RangeRead, ReadError, RequestManager, Totals, Usage, drawn_pages, held_bytes,
-    least_footprint_bytes, pinned_demands,
+    Modelled, Planner, PlannerParams, PolicyName, RangeRead, ReadError, RequestManager, Totals, Usage, drawn_pages,
+    held_bytes, least_footprint_bytes, pinned_demands,
 };
 use crate::select::{Demand, ObjectsMode, SelectParams, Selection, select_raised};
 use crate::storage::{Counters, Disk, Faults, PartOutcome, Request, StorageModel};
@@ -495,6 +495,18 @@ impl<'a> Simulation<'a> {
 
     pub fn manager(&self) -> &RequestManager {
         &self.manager
+    }
+
+    /// What a frame draws and holds beyond what its picture needs.
+    pub fn modelled(&self, frame: &Frame) -> Modelled {
+        let params = self.setup.select_params();
+        let resident_bytes = self.usage.resident_bytes();
+        Modelled::of(&self.index, &frame.view, &params, &frame.selection, self.library, resident_bytes)
+    }
+
+    /// What can be drawn.
+    pub fn cells(&self) -> &LiveTree {
+        &self.cells
     }
 
     /// Whether nothing is under way, and nothing more of the front will come.

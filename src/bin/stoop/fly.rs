@@ -15,6 +15,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::Instant;
 use stoop::camera::{FlightPath, View};
+use stoop::chart::Profile;
 use stoop::engine::{Engine, EngineParams, FrameRequest, GroundProbe, Mode, Source};
 use stoop::paging::{PlannerParams, PolicyName, PolicyParams};
 use stoop::record::{FlightHeader, FlightLog};
@@ -75,6 +76,8 @@ Examples:
   stoop fly WORLD --path dive.json --virtual 20,50,4 --policy vgis --no-level-skip --report levels.json
   stoop fly WORLD --path dive.json --virtual mobile --frames pictures --at-secs 5,15 --audit 0
   stoop fly WORLD --path dive.json --live --sync-reads --report waits.json
+  stoop fly WORLD --path dive.json --live --profile charts/profile.json --report live.json
+  stoop fly WORLD --path dive.json --virtual ssd --modelled 30 --report modelled.json
   stoop fly WORLD --path dive.json --policy foresight --policy-params params.json --report tuned.json
   stoop fly WORLD --path dive.json --settled --tolerance-px 0.25 --frames reference --every-secs 1";
 
@@ -146,12 +149,15 @@ pub struct Arguments {
     /// Seed of --faults: whom they hit
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Allowed screen-space error, pixels of the given size
-    #[arg(long, default_value = "1", value_parser = cli::positive)]
-    tolerance_px: f64,
-    /// Hard limit of the bytes held for pages, GPU arenas, decoding and index
-    #[arg(long, default_value = "256MiB", value_parser = cli::bytes)]
-    footprint: ByteSize,
+    /// Take tolerance and footprint, and with --live the frame time, from a profile as stoop-chart writes it; flags win
+    #[arg(long, value_name = "FILE.json")]
+    profile: Option<PathBuf>,
+    /// Allowed screen-space error, pixels of the given size [default: the profile's, else 1]
+    #[arg(long, value_parser = cli::positive)]
+    tolerance_px: Option<f64>,
+    /// Hard limit of the bytes held for pages, GPU arenas, decoding and index [default: the profile's, else 256MiB]
+    #[arg(long, value_parser = cli::bytes)]
+    footprint: Option<ByteSize>,
     /// Hold this frame time by drawing coarser; with --live
     #[arg(long, value_name = "MS", value_parser = cli::positive, requires = "live")]
     frame_ms: Option<f64>,
@@ -177,6 +183,9 @@ pub struct Arguments {
     /// Count holes against the settled frame in every Nth frame; 0 never [default: 1 with --frames and not --live, else 0]
     #[arg(long, value_name = "N")]
     audit: Option<u32>,
+    /// With --virtual, measure over-modelling in every Nth frame: what is drawn and held over what the picture needs
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..))]
+    modelled: Option<u32>,
     /// Write a video with the program ffmpeg
     #[arg(long, value_name = "FILE")]
     video: Option<PathBuf>,
@@ -202,10 +211,31 @@ impl Arguments {
         if !self.live && self.virtual_storage.is_none() && self.faults.is_some() {
             return Err(WrongUsage("--faults needs a clock: add --live or --virtual STORAGE".into()).into());
         }
+        if self.virtual_storage.is_none() && self.modelled.is_some() {
+            return Err(WrongUsage("--modelled is for the virtual clock: add --virtual STORAGE".into()).into());
+        }
         if self.threshold_px.len() > 2 {
             return Err(WrongUsage("--threshold-px takes one number or two".into()).into());
         }
         Ok(())
+    }
+
+    /// Takes from the profile what no flag says.
+    fn take_profile(&mut self) -> anyhow::Result<()> {
+        let Some(file) = &self.profile else { return Ok(()) };
+        let profile = Profile::load(file)?;
+        self.tolerance_px = self.tolerance_px.or(profile.tolerance_px);
+        self.footprint = self.footprint.or(profile.footprint());
+        self.frame_ms = self.frame_ms.or(profile.frame_ms.filter(|_| self.live));
+        Ok(())
+    }
+
+    fn tolerance_px(&self) -> f64 {
+        self.tolerance_px.unwrap_or(EngineParams::default().tolerance_px)
+    }
+
+    fn footprint(&self) -> ByteSize {
+        self.footprint.unwrap_or(EngineParams::default().footprint)
     }
 
     fn mode(&self) -> Mode {
@@ -236,7 +266,7 @@ impl Arguments {
 
     fn params(&self) -> anyhow::Result<EngineParams> {
         Ok(EngineParams {
-            tolerance_px: self.tolerance_px,
+            tolerance_px: self.tolerance_px(),
             threshold_px: self.threshold_px.first().copied().unwrap_or(1.0),
             objects: match self.objects {
                 ObjectsArgument::Off => ObjectsMode::Off,
@@ -248,7 +278,7 @@ impl Arguments {
                 },
             },
             hidden: CollectionSet::NONE,
-            footprint: self.footprint,
+            footprint: self.footprint(),
             frame_ms: self.frame_ms,
             mode: self.mode(),
             planner: self.planner()?,
@@ -282,8 +312,9 @@ fn open(arguments: &Arguments) -> anyhow::Result<Source> {
     Ok(source)
 }
 
-pub fn run(arguments: Arguments) -> anyhow::Result<ExitCode> {
+pub fn run(mut arguments: Arguments) -> anyhow::Result<ExitCode> {
     arguments.check_combinations()?;
+    arguments.take_profile()?;
     let path = FlightPath::load(&arguments.path)?;
     let opened = Instant::now();
     let source = open(&arguments)?;
@@ -321,8 +352,8 @@ fn header(arguments: &Arguments, path: &FlightPath, source: &Source, mode: &str)
         mode: mode.to_owned(),
         policy: arguments.policy.to_string(),
         size_px: arguments.size.0,
-        tolerance_px: arguments.tolerance_px,
-        footprint_limit_bytes: arguments.footprint.0,
+        tolerance_px: arguments.tolerance_px(),
+        footprint_limit_bytes: arguments.footprint().0,
         arrivals_s: path.arrivals_s(|lat_rad, lon_rad| ground.height_m(lat_rad, lon_rad)),
     }
 }

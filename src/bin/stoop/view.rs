@@ -7,6 +7,7 @@ use std::process::ExitCode;
 use std::sync::Arc;
 use std::time::{Duration, Instant};
 use stoop::camera::FlightPath;
+use stoop::chart::Profile;
 use stoop::engine::{EngineParams, Source};
 use stoop::paging::{Gate, SlowReader, Stall};
 use stoop::store::{World, bookmarks};
@@ -28,10 +29,14 @@ pub struct Arguments {
     /// Size of the window, logical pixels [default: as it was last]
     #[arg(long)]
     size: Option<cli::SizePx>,
-    /// Allowed screen-space error, pixels, 0.25 to 16 [default: as it was last, at first 1]
+    /// Take tolerance, footprint and frame time from a profile as stoop-chart writes it; flags win
+    #[arg(long, value_name = "FILE.json")]
+    profile: Option<PathBuf>,
+    /// Allowed screen-space error, pixels, 0.25 to 16 [default: the profile's, else as it was last, at first 1]
     #[arg(long, value_parser = tolerance_px)]
     tolerance_px: Option<f64>,
-    /// Hard limit of the bytes held for pages, GPU arenas, decoding and index [default: as it was last, at first 256MiB]
+    /// Hard limit of the bytes held for pages, GPU arenas, decoding and index [default: the profile's, else as it was last,
+    /// at first 256MiB]
     #[arg(long, value_parser = cli::bytes)]
     footprint: Option<ByteSize>,
     /// Frame time to hold by drawing coarser, milliseconds, or off [default: as it was last, at first 33]
@@ -81,6 +86,7 @@ pub fn run(arguments: Arguments, started: Instant) -> anyhow::Result<ExitCode> {
     if let Some(folder) = arguments.report.as_deref().and_then(Path::parent).filter(|folder| *folder != Path::new("")) {
         cli::make_folder(folder)?;
     }
+    let profile = arguments.profile.as_deref().map(profile).transpose()?.unwrap_or_default();
     let folders = if arguments.worlds.is_empty() { vec![default_world()?] } else { arguments.worlds };
     let worlds = cli::open_worlds(&folders, &arguments.cache)?;
     let whole = match &worlds[..] {
@@ -98,15 +104,31 @@ pub fn run(arguments: Arguments, started: Instant) -> anyhow::Result<ExitCode> {
         whole,
         bookmarks,
         size_px: arguments.size.map(|size| size.0),
-        tolerance_px: arguments.tolerance_px,
-        footprint: arguments.footprint,
-        frame_ms: arguments.frame_ms.map(|frame_ms| frame_ms.0),
+        tolerance_px: arguments.tolerance_px.or(profile.tolerance_px),
+        footprint: arguments.footprint.or(profile.footprint()),
+        frame_ms: arguments.frame_ms.map(|frame_ms| frame_ms.0).or(profile.frame_ms.map(Some)),
         params: EngineParams::default(),
         replay: arguments.path.as_deref().map(FlightPath::load).transpose()?,
         report: arguments.report,
         started,
     })?;
     Ok(ExitCode::SUCCESS)
+}
+
+/// A profile whose settings the window can take.
+fn profile(file: &Path) -> anyhow::Result<Profile> {
+    let profile = Profile::load(file)?;
+    let settings = [
+        ("tolerance_px", profile.tolerance_px, window::TOLERANCE_PX),
+        ("frame_ms", profile.frame_ms, window::FRAME_MS),
+    ];
+    for (key, value, [low, high]) in settings {
+        if let Some(value) = value {
+            let fits = (low..=high).contains(&value);
+            anyhow::ensure!(fits, "{}: {key} is {value}, but a window takes {low} to {high}", file.display());
+        }
+    }
+    Ok(profile)
 }
 
 /// The default world beside the program or the current folder.

@@ -47,7 +47,7 @@ impl SceneThread {
                 self.again = news.then(|| Instant::now() + PLAN_AGAIN);
             }
             if news || again || self.scene.wants_step(self.now_s()) {
-                self.step();
+                self.step(again && !news);
             }
             drop(self.shared.spent.take());
         }
@@ -88,8 +88,12 @@ impl SceneThread {
         self.scene.residency.receive(now_s, &mut self.remote) > 0
     }
 
-    fn step(&mut self) {
-        let list = self.make_list();
+    /// At rest, where there is time for it, the list tells over-modelling too.
+    fn step(&mut self, is_at_rest: bool) {
+        let mut list = self.make_list();
+        if is_at_rest && list.selection.stats.pages_missing == 0 && !self.scene.is_busy() {
+            list.report.take_modelled(&self.scene.modelled(&list.view, &list.selection));
+        }
         drop(self.shared.lists.publish(Box::new(list)));
         (self.notify)();
     }

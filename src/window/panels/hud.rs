@@ -11,6 +11,8 @@ use egui::{Align2, Color32, Context, Label, Sense, Ui, vec2};
 
 /// Of the column of text, points: a raised tolerance with its reason is the widest line.
 const WIDTH: f32 = 252.0;
+/// Triangles drawn over needed beside which they are worth a colour.
+const DRAWN_AIM: f64 = 1.3;
 /// Screen error beside which debt is worth a colour, px.
 const DEBT_SEEN_PX: f64 = 0.05;
 
@@ -70,12 +72,22 @@ fn frame_lines(shown: &Shown<'_>) -> Rows {
     rows.row("GPU", &millis(shown.gpu_ms), look::TEXT);
     let drawn = format!("{} in {} calls", words::count(shown.report.triangles), shown.report.draw_calls);
     rows.row("triangles", &drawn, look::TEXT);
+    if let Some((modelled, color)) = modelled(shown) {
+        rows.row("over need", &modelled, color);
+    }
     let (tolerance, color) = tolerance(shown);
     rows.row("tolerance", &tolerance, color);
     let debt_px = shown.report.debt_px;
     rows.row("debt", &words::pixels(debt_px), if debt_px > DEBT_SEEN_PX { look::WARN } else { look::TEXT });
     rows.row("read", &ByteSize(shown.bytes_read).to_string(), look::TEXT);
     rows
+}
+
+/// What is drawn and held over what the picture needs: known at rest, without occlusion.
+fn modelled(shown: &Shown<'_>) -> Option<(String, Color32)> {
+    let (drawn, held) = (shown.report.drawn_over_needed()?, shown.report.resident_over_needed()?);
+    let color = if drawn > DRAWN_AIM { look::WARN } else { look::TEXT };
+    Some((format!("drawn {drawn:.2} ×, held {held:.1} ×"), color))
 }
 
 fn tolerance(shown: &Shown<'_>) -> (String, Color32) {

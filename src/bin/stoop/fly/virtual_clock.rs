@@ -20,6 +20,9 @@ pub fn fly(arguments: &Arguments, path: FlightPath, source: Source, storage: Sto
     let library = Library::new(source.index.clone(), source.reader.clone()).with_layout(source.layout.clone());
     let mut drawn = Ok(());
     log.wasted_bytes = simulate(&library, &Arc::new(path), setup, |mut frame, simulation| {
+        if is_audited(arguments.modelled.unwrap_or(0), log.frames.len()) {
+            frame.report.take_modelled(&simulation.modelled(&frame));
+        }
         drawn = pictures.take(&mut frame, simulation, log.frames.len());
         for failure in simulation.take_messages().into_iter().chain(pictures.take_failures()) {
             eprintln!("stoop: at {:.2} s: {failure}; flying on with coarser detail", frame.report.t_s);
