@@ -9,7 +9,7 @@
 use std::path::PathBuf;
 use std::sync::Arc;
 use stoop::camera::{FlightPath, Pose, View};
-use stoop::content::{PageId, PageKind};
+use stoop::content::{Page, PageId, PageKind};
 use stoop::engine::{LOOKOUT_PX, Lookout, Source};
 use stoop::layout::{Direction, Layout, LinearOrder, NavCell, SEEN_BELOW_M, Seen, hilbert_order, pages_of};
 use stoop::paging::{PlannerParams, PolicyName};
@@ -47,6 +47,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let library = || Library::new(source.index.clone(), source.reader.clone());
     let hilbert = hilbert_order(&pages_of(&source.index));
     println!("cells of {:.0} m, {} of them", layout.grid.side_m(), layout.grid.cell_count());
+    cones(&source);
     hidden(open()?, &layout)?;
     println!("\n{CROSSINGS} random crossings\n");
     println!("| storage | pages from | seeks max | seeks mean | mean ms | p99 ms | max ms | KiB mean |");
@@ -78,6 +79,20 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         }
     }
     Ok(())
+}
+
+/// Whether pages could be left out as their walls face away: the cones of the normals of their walls.
+fn cones(source: &Source) {
+    let (mut pages, mut narrow) = (0, 0);
+    for (page, place) in pages_of(&source.index) {
+        if let (PageKind::Objects { .. }, Ok(Page::Objects(_, mesh))) = (page.kind, source.reader.load(page, place)) {
+            let walls: Vec<_> = mesh.vertices.iter().filter(|v| v.facing >> 15 == 0).map(|v| v.normal()).collect();
+            let axis = walls.iter().fold(glam::DVec3::ZERO, |sum, normal| sum + *normal).normalize_or_zero();
+            pages += 1;
+            narrow += u32::from(!walls.is_empty() && walls.iter().all(|normal| normal.dot(axis) > 0.0));
+        }
+    }
+    println!("pages of objects whose walls all face one half of the sky: {narrow} of {pages}");
 }
 
 /// Objects that pictures from random places show and their cells' sets leave out, where sets hold only what was seen from
@@ -294,7 +309,7 @@ fn flown(
     })?;
     let fps = |seconds: f64| if seconds > 0.0 { 1.0 / seconds } else { 0.0 };
     Ok(format!(
-        "{debt_px_s:.3} | {peak_px:.3} | {} | {:.1} | {fallbacks} | {:.1} | {:.1}",
+        "{debt_px_s:.1e} | {peak_px:.1e} | {} | {:.1} | {fallbacks} | {:.1} | {:.1}",
         traffic.0,
         traffic.1 as f64 / f64::from(1 << 20),
         fps(worst_s),

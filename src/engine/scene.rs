@@ -182,7 +182,8 @@ impl Scene {
         let demands = self.planner.plan(&frame, &selection.demands);
         let Some(rider) = &mut self.rider else { return (demands, Ride::default()) };
         let (manager, index) = (&self.residency.manager, &self.residency.index);
-        let eyes = self.planner.eyes_ahead(&frame, &times_ahead_s(manager.pace().lead_secs() + step_s));
+        let times_s = &times_ahead_s(manager.pace().lead_secs() + step_s);
+        let eyes = if manager.lacks_front() { Vec::new() } else { self.planner.eyes_ahead(&frame, times_s) };
         let thresholds = (self.params.tolerance_px, self.params.threshold_px);
         let ride = rider.step(view, thresholds, &eyes, &|page| manager.is_held(page));
         let demands = rider.demands(demands, &ride.runs, &|page| manager.is_held(page), &|page| page.place(index));

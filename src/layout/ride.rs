@@ -12,10 +12,15 @@ use std::sync::Arc;
 
 /// Cells ahead whose runs are fetched before they are entered.
 const AHEAD_MAX: usize = 2;
+/// Runs that are fetched ahead from one cell, whatever becomes of the forecast: what was begun is not broken off, since a
+/// forecast that wavers would bring nothing at all.
+const ASKED_MAX: usize = 3;
 
 /// Gains of what is kept: beyond any page of a policy's forecast, and the cell's own beyond what is fetched ahead.
 const KEEP_GAIN: f64 = 1e12;
 const AHEAD_GAIN: f64 = 1e11;
+/// Of what a cell that was entered without a run still lacks.
+const SETTLE_GAIN: f64 = 1e-12;
 
 /// Pages to be read in one go from the layout's file.
 #[derive(Clone, Debug, PartialEq)]
@@ -67,8 +72,9 @@ pub struct Rider {
     layout: Arc<Layout>,
     at: Option<NavCell>,
     set: HashSet<PageId>,
+    /// Of the runs in `asked`.
     ahead: HashSet<PageId>,
-    /// Transitions that were asked for ahead: from, to.
+    /// Runs that were asked for ahead: from, to.
     asked: Vec<(NavCell, NavCell)>,
     /// Until all of the cell's set has come: after a move that no run was made for.
     is_settling: bool,
@@ -101,8 +107,8 @@ impl Rider {
         self.at
     }
 
-    /// Goes on to a view at tolerances; `ahead` are the next places of the eye, as far as they are foretold, and `is_held`
-    /// tells what is resident or on its way.
+    /// Goes on to a view at tolerances; `ahead` are the next places of the eye, as far as they are foretold (none while the
+    /// present frame lacks something: that comes first), and `is_held` tells what is resident or on its way.
     pub fn step(
         &mut self,
         view: &View,
@@ -117,9 +123,8 @@ impl Rider {
             self.go_to(now, is_held, &mut ride);
         }
         self.is_settling = self.is_settling && self.set.iter().any(|&page| !is_held(page));
-        match now {
-            Some(cell) if !self.is_settling => self.look_ahead(cell, ahead, is_held, &mut ride),
-            _ => self.ahead.clear(),
+        if let Some(cell) = now.filter(|_| !self.is_settling) {
+            self.look_ahead(cell, ahead, is_held, &mut ride);
         }
         ride
     }
@@ -138,6 +143,8 @@ impl Rider {
         let before = std::mem::replace(&mut self.at, now);
         self.set = now.map(|cell| self.layout.set(cell).into_iter().collect()).unwrap_or_default();
         self.asked.retain(|(from, _)| Some(*from) == now);
+        self.ahead =
+            self.asked.iter().flat_map(|&(from, to)| self.layout.run(from, to)).map(|(page, _)| page).collect();
         let Some(now) = now else { return };
         let adjacent = before.filter(|&before| self.layout.grid.direction(before, now).is_some());
         if let Some(before) = adjacent {
@@ -158,20 +165,20 @@ impl Rider {
 
     /// Fetches the runs of the next cells on the way, as far as each is adjacent to the one before.
     fn look_ahead(&mut self, cell: NavCell, eyes: &[Geodetic], is_held: &dyn Fn(PageId) -> bool, ride: &mut Ride) {
-        self.ahead.clear();
         let mut way = vec![cell];
         for next in eyes.iter().filter_map(|&eye| self.layout.grid.locate(eye)) {
             let last = way[way.len() - 1];
             if next == last {
                 continue;
             }
-            if way.len() > AHEAD_MAX || self.layout.grid.direction(last, next).is_none() {
+            let is_next = self.layout.grid.direction(last, next).is_some();
+            if way.len() > AHEAD_MAX || self.asked.len() >= ASKED_MAX || !is_next {
                 break;
             }
-            let pages = self.layout.run(last, next);
-            self.ahead.extend(pages.iter().map(|(page, _)| *page));
             if !self.asked.contains(&(last, next)) {
+                let pages = self.layout.run(last, next);
                 self.asked.push((last, next));
+                self.ahead.extend(pages.iter().map(|(page, _)| *page));
                 if let Some(run) = run(pages, RunCause::Ahead, is_held) {
                     self.counts.ahead += 1;
                     ride.runs.push(run);
@@ -179,8 +186,6 @@ impl Rider {
             }
             way.push(next);
         }
-        // What was asked for ahead of a way that was given up may be asked for again.
-        self.asked.retain(|pair| way.windows(2).any(|step| (step[0], step[1]) == *pair));
     }
 
     /// A frame's demands as the layout has them: its cell's pages are kept, those of the next cells too. Once all of the
@@ -205,7 +210,7 @@ impl Rider {
                 Urgency::Blocking => true,
                 Urgency::Visible => !is_complete || page.kind == PageKind::Segment || is_ours(page) || is_held(page),
                 // Ahead of the eye the layout reads, and nothing else.
-                Urgency::Predicted => is_ours(page) && is_held(page),
+                Urgency::Predicted => !is_complete || (is_ours(page) && is_held(page)),
             };
             is_asked && !coming.contains(&page)
         };
@@ -221,7 +226,11 @@ impl Rider {
             is_wanted && !known.contains(&page) && !coming.contains(&page)
         });
         let mut more: Vec<Demand> = wanted
-            .filter_map(|(page, gain)| Some(Demand { page, place: place(page)?, urgency: Urgency::Predicted, gain }))
+            .filter_map(|(page, gain)| {
+                // What is still to come from the packs comes after all that the policy foresees.
+                let gain = if is_held(page) { gain } else { SETTLE_GAIN };
+                Some(Demand { page, place: place(page)?, urgency: Urgency::Predicted, gain })
+            })
             .collect();
         more.sort_by_key(|demand| demand.page);
         kept.extend(more);

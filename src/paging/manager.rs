@@ -584,6 +584,11 @@ impl RequestManager {
         self.under_way.is_empty() && (self.missing == 0 || self.out_of_room)
     }
 
+    /// Whether the last update's front still waits for pages.
+    pub fn lacks_front(&self) -> bool {
+        self.missing > 0
+    }
+
     pub fn is_resident(&self, page: PageId) -> bool {
         self.residents.contains(page)
     }

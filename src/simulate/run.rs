@@ -377,11 +377,17 @@ impl<'a> Simulation<'a> {
         };
         let Some(rider) = &mut self.rider else { return (demands, Ride::default()) };
         let (manager, index) = (&self.manager, &self.index);
-        let eyes = self.planner.eyes_ahead(&seen, &times_ahead_s(manager.pace().lead_secs() + self.setup.step_s));
+        let times_s = &times_ahead_s(manager.pace().lead_secs() + self.setup.step_s);
+        let eyes = if manager.lacks_front() { Vec::new() } else { self.planner.eyes_ahead(&seen, times_s) };
         let thresholds = (self.setup.tolerance_px, self.setup.threshold_px);
         let ride = rider.step(view, thresholds, &eyes, &|page| manager.is_held(page));
         let demands = rider.demands(demands, &ride.runs, &|page| manager.is_held(page), &|page| page.place(index));
         (demands, ride)
+    }
+
+    /// Whether a frame that waits has something to wait for: of a layout's run, what other directions need is none of it.
+    fn is_waited_for(&self) -> bool {
+        if self.rider.is_some() { self.manager.lacks_front() } else { !self.manager.is_idle() }
     }
 
     /// What a frame that waits still asks for.
@@ -435,7 +441,7 @@ impl<'a> Simulation<'a> {
     /// Lets the clock go on until the frame's front is there; gives the time that took.
     fn wait(&mut self, view: &View, t_s: f64, selection: &mut Selection) -> f64 {
         let mut now_s = t_s;
-        while !self.manager.is_idle()
+        while self.is_waited_for()
             && now_s - t_s < SYNC_WAIT_MAX_S
             && let Some(next_s) = self.disk.next_event_s()
         {
