@@ -9,7 +9,7 @@ use std::sync::Arc;
 use stoop::camera::FlightPath;
 use stoop::chart::{
     Flight, PAGE_FILE, PICTURES_MAX, RUNS_MAX, Report, Sweep, cost_by_distance, figure_of_rows, fly_all, fly_live,
-    frame_time_figures, frame_times, picture_errors,
+    frame_time_figures, frame_times, picture_errors, redundancy_by_delay,
 };
 use stoop::engine::{GroundProbe, Source};
 use stoop::geodesy::Geodetic;
@@ -92,6 +92,9 @@ struct Arguments {
     /// Also draw rows of these CSV files: x, y, and the name of the curve where there are several
     #[arg(long, value_name = "FILE.csv", num_args = 1..)]
     rows: Vec<PathBuf>,
+    /// Also draw what this single-seek layout of the world was chosen by: redundancy against delay
+    #[arg(long, value_name = "NAME")]
+    layout: Option<String>,
     /// Folder to write to
     #[arg(long, value_name = "DIR")]
     out: PathBuf,
@@ -160,6 +163,9 @@ fn run(arguments: Arguments) -> anyhow::Result<()> {
         times = frame_times(&sweep, &live);
         further.extend(frame_time_figures(&sweep, &live));
     }
+    if let (Some(name), Some(layout)) = (&arguments.layout, &source.layout) {
+        further.extend(redundancy_by_delay(name, layout));
+    }
     for file in &arguments.rows {
         further.push(figure_of_rows(file)?);
     }
@@ -192,7 +198,9 @@ fn open(arguments: &Arguments) -> anyhow::Result<Source> {
     let options = OpenOptions { cache: cache.map(Arc::new), ..OpenOptions::default() };
     let world = World::open_with(&arguments.world, &options)?;
     world.notice().into_iter().for_each(|notice| eprintln!("stoop-chart: {notice}"));
-    Ok(Source::of(world))
+    let Some(name) = &arguments.layout else { return Ok(Source::of(world)) };
+    let (source, refused) = Source::with_layout(world, name);
+    refused.map_or(Ok(source), |refused| Err(anyhow::anyhow!(refused)))
 }
 
 fn sweep(arguments: &Arguments, source: &Source) -> anyhow::Result<Sweep> {

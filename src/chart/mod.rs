@@ -21,6 +21,7 @@ pub use choose::{Candidate, DEBT_AIM_PX, FRAME_AIM_MS, FrameTimes};
 pub use compare::{Case, Flight, Outcome, WARM_S, run};
 pub use figure::{Axis, Curve, Figure, Panel, Scale, Spot, Stroke};
 pub use figures::distance::cost_by_distance;
+pub use figures::layouts::redundancy_by_delay;
 pub use flown::{Flown, Measured, Moment, REFERENCE_PX, fly_all};
 pub use images::{ImageError, PICTURES_MAX, PictureError, compare, picture_errors};
 pub use live::{LiveFlight, fly_live, frame_time_figures, frame_times};
