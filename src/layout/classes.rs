@@ -54,7 +54,7 @@ fn class_of(index: &IndexForest, page: PageId) -> Option<(u8, u8, f64)> {
         PageKind::Imagery => Some((1, u8::MAX - page.cell.level(), ground_page(&node, page.kind)?.1)),
         PageKind::Objects { collection, rep } => {
             let entry = node.objects().find(|entry| entry.collection == collection && entry.rep == rep)?;
-            Some((2, rep, f64::from(entry.error_m)))
+            Some((2, rep, entry.error_m))
         }
         PageKind::Segment => None,
     }

@@ -12,7 +12,7 @@ use crate::paging::{
     Modelled, Planner, PlannerParams, PolicyName, RangeRead, ReadError, RequestManager, Totals, Usage, drawn_pages,
     held_bytes, least_footprint_bytes, pinned_demands,
 };
-use crate::select::{Demand, ObjectsMode, SelectParams, Selection, select_raised};
+use crate::select::{Demand, ObjectsMode, SelectParams, Selection, Urgency, select_raised};
 use crate::storage::{Counters, Disk, Faults, PartOutcome, Request, StorageModel};
 use crate::units::ByteSize;
 use std::collections::{HashMap, HashSet};
@@ -386,8 +386,12 @@ impl<'a> Simulation<'a> {
     }
 
     /// Whether a frame that waits has something to wait for: of a layout's run, what other directions need is none of it.
-    fn is_waited_for(&self) -> bool {
-        if self.rider.is_some() { self.manager.lacks_front() } else { !self.manager.is_idle() }
+    fn is_waited_for(&self, selection: &Selection) -> bool {
+        if self.rider.is_none() {
+            return !self.manager.is_idle();
+        }
+        let lacks = |demand: &Demand| demand.urgency > Urgency::Predicted && !self.manager.is_resident(demand.page);
+        self.still_wanted(selection).iter().any(lacks)
     }
 
     /// What a frame that waits still asks for.
@@ -441,7 +445,7 @@ impl<'a> Simulation<'a> {
     /// Lets the clock go on until the frame's front is there; gives the time that took.
     fn wait(&mut self, view: &View, t_s: f64, selection: &mut Selection) -> f64 {
         let mut now_s = t_s;
-        while self.is_waited_for()
+        while self.is_waited_for(selection)
             && now_s - t_s < SYNC_WAIT_MAX_S
             && let Some(next_s) = self.disk.next_event_s()
         {
