@@ -178,7 +178,7 @@ pub fn dives() -> Row {
     }
 }
 
-/// Places far from each other, with a stay at each.
+/// Places far from each other, with a stay at each; jumps are half-way between two frames.
 fn jumps(stay_s: f64) -> Arc<FlightPath> {
     let stops = [
         pose(LAT_DEG, LON_DEG, 600.0, 0.0, -60.0),
@@ -188,15 +188,15 @@ fn jumps(stay_s: f64) -> Arc<FlightPath> {
         pose(LAT_DEG, LON_DEG + 0.02, 400.0, 270.0, -40.0),
     ];
     path(stops.into_iter().enumerate().flat_map(|(at, stop)| {
-        let start_s = at as f64 * stay_s;
-        [(start_s, stop), (start_s + stay_s - 1e-6, stop)]
+        let start_s = at as f64 * stay_s - STEP_S / 2.0;
+        [(start_s.max(0.0), stop), (start_s + stay_s - 1e-6, stop)]
     }))
 }
 
 /// From each jump until nothing lacks, the longest; seconds.
 fn longest_blur_s(reports: &[FrameReport], stay_s: f64) -> f64 {
-    let since_s = |report: &FrameReport| report.t_s % stay_s;
-    reports.iter().filter(|report| report.excess_max_px > 0.0).map(since_s).fold(0.0, f64::max) + STEP_S
+    let since_s = |report: &FrameReport| (report.t_s + STEP_S / 2.0) % stay_s + STEP_S / 2.0;
+    reports.iter().filter(|report| report.excess_max_px > 0.0).map(since_s).fold(0.0, f64::max)
 }
 
 pub fn teleports() -> Row {
