@@ -1,7 +1,7 @@
 //! Days of flight, in hours of frames a few seconds apart.
 
 use super::flights::library;
-use super::table::{Row, digits};
+use super::table::{Row, digits, grouped};
 use crate::made_up::flights::pose;
 use crate::made_up::random::unit;
 use std::collections::HashMap;
@@ -17,7 +17,7 @@ const LON_DEG: f64 = -84.0;
 const HOUR_S: f64 = 3600.0;
 const HOURS: usize = 24;
 /// From frame to frame.
-const STEP_S: f64 = 6.0;
+const STEP_S: f64 = 12.0;
 /// From stop to stop of the flight.
 const LEG_S: f64 = 120.0;
 /// Beyond the least footprint.
@@ -108,7 +108,7 @@ pub fn days() -> Row {
             digits(most(|hour| hour.known_pages) as f64),
             digits(grown)
         ),
-        limit: format!("{HOURS} h, {} frames of {} s", (HOURS + 1) * frames, digits(STEP_S)),
+        limit: format!("{HOURS} h, {} frames {} s apart", grouped((HOURS * frames) as i64), digits(STEP_S)),
     }
 }
 

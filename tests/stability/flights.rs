@@ -127,6 +127,8 @@ pub fn small_footprints() -> Row {
     assert!(share > 0.9, "{share}");
     let refused = Setup { footprint: ByteSize(least.0 - 1), ..setup };
     assert!(Simulation::new(&library, refused).is_err());
+    let pool_bytes = least.0 - library.fixed_bytes();
+    assert!(pool_bytes as f64 <= 0.8 * whole.front_size_bytes as f64, "{pool_bytes} {}", whole.front_size_bytes);
     Row {
         case: "a footprint smaller than the front",
         usual: format!(
@@ -139,7 +141,7 @@ pub fn small_footprints() -> Row {
         ),
         limit: format!(
             "{} MiB for pages, where the front takes {} MiB; below that an error names the least",
-            digits((least.0 - library.fixed_bytes()) as f64 / f64::from(1 << 20)),
+            digits(pool_bytes as f64 / f64::from(1 << 20)),
             digits(whole.front_size_bytes as f64 / f64::from(1 << 20))
         ),
     }
@@ -167,7 +169,7 @@ pub fn dives() -> Row {
         first_of_all_that_hold(&tried, |duration_s| dived(&library, policy, StorageModel::WAN, duration_s).0 == 0.0)
     };
     let (late, soon) = (sharp(PolicyName::Demand), sharp(PolicyName::Foresight).unwrap());
-    assert!(late.is_none_or(|late| late > soon), "{late:?} {soon}");
+    assert!(soon <= 3.0 && late.is_none_or(|late| late > soon), "{late:?} {soon}");
     let late = late.map_or("none of up to 8 s is".to_owned(), |late| format!("those of {late} s and more are"));
     let list = |debts: [f64; 5]| debts.map(digits).join(", ");
     Row {
@@ -212,12 +214,12 @@ pub fn teleports() -> Row {
         longest_blur_s(&reports, STAY_S)
     };
     let [ssd, wan] = [StorageModel::SSD, StorageModel::WAN].map(blur_s);
-    assert!(ssd < wan && wan < STAY_S, "{ssd} {wan}");
+    assert!(ssd < 1.5 * STEP_S && ssd < wan && wan < STAY_S / 2.0, "{ssd} {wan}");
     Row {
         case: "teleports, over `wan`",
         usual: format!("frames that wait for their pages: one stands still for {} s", digits(stood_s)),
         ours: format!("no frame waits, ground everywhere; sharp at the latest {} s after the jump", digits(wan)),
-        limit: format!("{} s on `ssd`", digits(ssd)),
+        limit: format!("{} s, one frame, on `ssd`", digits(ssd)),
     }
 }
 

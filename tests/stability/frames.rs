@@ -160,6 +160,7 @@ pub fn thresholds() -> Row {
     assert!(in_parts.morphed_px < in_parts.own_px, "{} {}", in_parts.morphed_px, in_parts.own_px);
     let shares = [0.002, 0.005, 0.01, 0.02, 0.03, 0.05, 0.07, 0.1];
     let share = shares.into_iter().take_while(|&share| plain.tremble(share).morphed_px < UNSEEN_PX).last().unwrap();
+    assert!(share >= 0.02, "{share}");
     Row {
         case: "a level's threshold under a trembling eye (0.1 % of its height, 100 frames)",
         usual: format!(
@@ -187,6 +188,7 @@ fn picture_bytes_u32(side_px: u32) -> u32 {
 
 pub fn windows() -> Row {
     assert_eq!(picture_bytes_u32(32_768), 0);
+    assert!(View::new(view(0.0, 0.0, 1.0, 0.0, 0.0).pose, 1.0, [0, 0]).aspect().is_nan());
     let index = dive_world(LAT_DEG, LON_DEG, 18, 15);
     let settled = |size_px: [u32; 2]| {
         let pose = view(LAT_DEG, LON_DEG, 3_000.0, 30.0, -60.0).pose;

@@ -158,7 +158,7 @@ fn off_m(point: Point<Ecef>, method: fn(Point<Ecef>) -> Geodetic) -> f64 {
 
 /// Over latitudes and longitudes at a height, metres.
 fn worst_at_height_m(height_m: f64, method: fn(Point<Ecef>) -> Geodetic) -> f64 {
-    let lats = (-40..=40).map(|n| FRAC_PI_2 * f64::from(n) / 40.0).chain([1.570_796_3, -1.570_79, 1e-9]);
+    let lats = (-40..=40).map(|n| FRAC_PI_2 * f64::from(n) / 40.0).chain([FRAC_PI_2 - 1e-8, 1e-5 - FRAC_PI_2, 1e-9]);
     let points =
         lats.flat_map(|lat_rad| [-PI, -1.0, 0.0, 2.0].map(|lon_rad| Geodetic { lat_rad, lon_rad, height_m }.to_ecef()));
     points.map(|point| off_m(point, method)).fold(0.0, f64::max)
@@ -190,10 +190,11 @@ pub fn geodetic_coordinates() -> Row {
         case: "ECEF → geodetic: poles, axis, centre, −10 km, 10⁸ m",
         usual: format!(
             "one step of Bowring's: {} off at 10⁸ m, {} of height 1 mm from the pole, {} about the centre; one of \
-             Newton's: {} at 10⁸ m, {} about the centre",
+             Newton's: {} at −10 km, {} at 10⁸ m, {} about the centre",
             of(bowring_m[0]),
             of(bowring_m[1]),
             of(bowring_m[2]),
+            of(newton_m[0]),
             of(newton_m[1]),
             of(newton_m[2])
         ),

@@ -2,7 +2,7 @@
 
 use super::search::limit;
 use super::settled::{even_world, settle};
-use super::table::{Row, digits};
+use super::table::{Row, digits, grouped};
 use geo::{Coord, LineString, Polygon, TriangulateEarcut};
 use std::collections::BTreeSet;
 use stoop::content::{ObjectPage, Prism};
@@ -179,8 +179,9 @@ pub fn footprints() -> Row {
         case: "footprints with spikes, crossings, repeated points, touching holes",
         usual: format!(
             "of {} outlines a fan gets {fans} areas wrong and cut ears {ears}; counted crossings get {crossed} of \
-             {asked} points wrong",
-            outlines.len()
+             {} points wrong",
+            outlines.len(),
+            grouped(asked)
         ),
         ours: format!("all areas to 1 %, {wrong} points wrong"),
         limit: format!(

@@ -91,6 +91,7 @@ pub fn sources() -> Row {
         low_m >= COARSE_M - 1e-6 && high_m <= OTHER_M + 1e-6
     });
     let most = most.last().unwrap();
+    assert!(most > 0.9, "{most}");
     let all_void = elevation(folder.path(), 1.1).err().unwrap().to_string();
     assert!(all_void.contains("fine.tif") && all_void.contains("void"), "{all_void}");
     // A spike that no place on Earth can have is refused with its place; a lower one is taken as it is.
