@@ -118,21 +118,12 @@ fn hidden(source: Source, layout: &Layout) -> Result<(), Box<dyn std::error::Err
         for _ in 0..PLACES {
             let cell = of_band[random.below(of_band.len())];
             let mut kept = Seen::default();
-            for page in layout.set(cell) {
-                match page.kind {
-                    PageKind::Objects { collection, .. } => kept.add_objects(collection, page.cell),
-                    PageKind::Terrain | PageKind::Imagery => kept.add_ground(page.cell),
-                    PageKind::Segment => {}
-                }
-            }
+            let set = layout.set(cell);
+            let is_ground = |page: &&PageId| matches!(page.kind, PageKind::Terrain | PageKind::Imagery);
+            set.iter().filter(is_ground).for_each(|page| kept.add_ground(page.cell));
             let (looked, objects) = lookout.look(view(layout, cell, &mut random).pose.eye)?;
             seen += objects.len();
-            missed += objects
-                .iter()
-                .filter(|&&(collection, _, cell)| {
-                    !kept.shows(PageId { cell, kind: PageKind::Objects { collection, rep: 0 } })
-                })
-                .count();
+            missed += objects.iter().filter(|(page, _)| !set.iter().any(|kept| is_as_fine(*kept, *page))).count();
             ground += looked.ground().count();
             ground_missed +=
                 looked.ground().filter(|&cell| !kept.shows(PageId { cell, kind: PageKind::Terrain })).count();
@@ -142,6 +133,17 @@ fn hidden(source: Source, layout: &Layout) -> Result<(), Box<dyn std::error::Err
         println!("| {low_m}–{high_m} | {PLACES} | {seen} | {missed} | {share:.2} % | {ground} | {ground_missed} |");
     }
     Ok(())
+}
+
+/// Whether a page shows what another one does no more coarsely: that page itself, a finer one in its place, or some below it.
+fn is_as_fine(kept: PageId, page: PageId) -> bool {
+    match (kept.kind, page.kind) {
+        (PageKind::Objects { collection: a, rep: kept_rep }, PageKind::Objects { collection: b, rep }) => {
+            let is_below = kept.cell != page.cell && page.cell.contains(kept.cell);
+            a == b && (is_below || (kept.cell == page.cell && kept_rep <= rep))
+        }
+        _ => false,
+    }
 }
 
 type Kinds = Vec<(&'static str, Library)>;

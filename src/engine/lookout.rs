@@ -2,6 +2,7 @@
 
 use super::{Engine, EngineError, EngineParams, FrameRequest, Mode, Source};
 use crate::camera::View;
+use crate::content::{PageId, PageKind};
 use crate::geodesy::Geodetic;
 use crate::layout::{LayoutParams, Seen, Witness, directions, octant_fov_rad, octant_px};
 use crate::render::IdOf;
@@ -18,8 +19,8 @@ pub struct Lookout {
     pictures: u64,
 }
 
-/// An object in sight: collection, number, and the cell at which the page that drew it is rooted.
-pub type SeenObject = (u8, u32, crate::forest::CellId);
+/// An object in sight: the page that drew it, and its number.
+pub type SeenObject = (PageId, u32);
 
 impl Lookout {
     /// Pictures of `side_px`, drawn with the reps that views of `params` have, whatever their own size.
@@ -48,20 +49,22 @@ impl Lookout {
             self.engine.frame(&FrameRequest { view, t_s: self.pictures as f64, ids: true })?;
             self.pictures += 1;
             let ids: BTreeSet<u32> = self.engine.picture().read_ids()?.into_iter().collect();
-            let mut roots: HashMap<(u8, u32), Vec<crate::forest::CellId>> = HashMap::new();
+            let mut pages: HashMap<(u8, u32), Vec<PageId>> = HashMap::new();
             for drawn in &self.engine.drawn().objects {
                 let all = drawn.objects.iter().cloned().flatten();
                 for object in all.filter_map(|at| drawn.page.objects.get(at as usize)) {
-                    roots.entry((drawn.page.collection, object.id)).or_default().push(drawn.page.root);
+                    let kind = PageKind::Objects { collection: drawn.page.collection, rep: drawn.page.rep };
+                    let page = PageId { cell: drawn.page.root, kind };
+                    pages.entry((drawn.page.collection, object.id)).or_default().push(page);
                 }
             }
             for id in ids {
                 match self.engine.picture().resolve_id(id) {
                     Some(IdOf::Cell(cell)) => seen.add_ground(cell),
                     Some(IdOf::Object { collection, id }) => {
-                        for &root in roots.get(&(collection, id)).into_iter().flatten() {
-                            seen.add_objects(collection, root);
-                            objects.insert((collection, id, root));
+                        for &page in pages.get(&(collection, id)).into_iter().flatten() {
+                            seen.add_objects(collection, page.cell);
+                            objects.insert((page, id));
                         }
                     }
                     None => {}
