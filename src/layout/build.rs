@@ -26,7 +26,7 @@ const GROUND_BYTES_MAX: u64 = 16 << 20;
 const SHARES: std::ops::RangeInclusive<i32> = 0..=6;
 const FIRST_SHARE: f64 = 0.25;
 /// No side is tried below this, metres.
-pub const SIDE_MIN_M: f64 = 10.0;
+const SIDE_MIN_M: f64 = 10.0;
 /// Cells of each band that a point of the curve is made of, with the neighbours to the east, to the north and above.
 const SAMPLES_PER_BAND: usize = 128;
 /// The same where pictures are taken for them.
@@ -96,12 +96,16 @@ pub struct ByStorage {
     pub verdict: Verdict,
 }
 
-impl ByStorage {
-    fn new(draft: &Draft, storage: StorageModel) -> Self {
-        let [layout, packs, hilbert] =
-            [Linear::No, Linear::Packs, Linear::Hilbert].map(|order| delays(draft, order, storage));
-        Self { storage: storage.name, layout, packs, hilbert, verdict: verdict(&layout, &packs) }
-    }
+/// Crossings of a draft on each kind of storage.
+fn by_storage(draft: &Draft) -> Vec<ByStorage> {
+    let (crossings, pages) = (crossings(draft), draft.pages.list());
+    let (packs, hilbert) = (LinearOrder::packs(pages), hilbert_order(pages));
+    let on = |storage: StorageModel| {
+        let [layout, packs, hilbert] = [From::Layout, From::Linear(&packs), From::Linear(&hilbert)]
+            .map(|from| crossing_delays(&crossings, from, storage));
+        ByStorage { storage: storage.name, layout, packs, hilbert, verdict: verdict(&layout, &packs) }
+    };
+    StorageModel::ALL.map(on).into()
 }
 
 impl Builder<'_> {
@@ -143,7 +147,7 @@ impl Builder<'_> {
             }
             let judged = verdict(&point.layout, &point.packs);
             (built.point, built.verdict, built.hidden) = (Some(point), Some(judged), draft.hidden);
-            built.by_storage = StorageModel::ALL.iter().map(|&storage| ByStorage::new(&draft, storage)).collect();
+            built.by_storage = by_storage(&draft);
             if self.side_m.is_some() || matches!(judged, Verdict::Pays { .. }) {
                 self.write(&draft, &mut built)?;
             }
@@ -218,14 +222,11 @@ impl Builder<'_> {
 
     /// What a draft costs.
     pub fn point(&self, draft: &Draft) -> CurvePoint {
-        let (mut count, mut bytes, mut stored, mut most) = (0u64, 0u64, 0u64, 0u64);
-        for (from, to) in draft.crossings() {
-            let run = draft.pages.bytes(&draft.run(from, to).unwrap_or_default());
-            count += 1;
-            bytes += run;
-            stored += layout_blocks(run) * crate::store::LAYOUT_BLOCK_BYTES;
-            most = most.max(run);
-        }
+        let crossed = crossings(draft);
+        let runs: Vec<u64> = crossed.iter().map(Crossing::bytes).collect();
+        let (count, bytes) = (runs.len() as u64, runs.iter().sum());
+        let stored = runs.iter().map(|&run| layout_blocks(run) * crate::store::LAYOUT_BLOCK_BYTES).sum();
+        let packs = LinearOrder::packs(draft.pages.list());
         let mean = |sum: u64| sum as f64 / count.max(1) as f64;
         let crossings = crossing_count(&draft.grid) as f64;
         let entries: u64 = self.entries(draft).iter().map(|(_, set)| draft.pages.bytes(set)).sum();
@@ -240,23 +241,18 @@ impl Builder<'_> {
             redundancy: layout_bytes / distinct,
             layout_bytes,
             run_bytes_mean: mean(bytes),
-            run_bytes_max: most as f64,
+            run_bytes_max: runs.iter().max().copied().unwrap_or(0) as f64,
             set_bytes_max: draft
                 .cells()
                 .filter_map(|cell| draft.set(cell))
                 .map(|set| draft.pages.bytes(set))
                 .max()
                 .unwrap_or(0) as f64,
-            layout: self.delays(draft, Linear::No),
-            packs: self.delays(draft, Linear::Packs),
+            layout: crossing_delays(&crossed, From::Layout, self.storage),
+            packs: crossing_delays(&crossed, From::Linear(&packs), self.storage),
             // Of a region with borders: as many crossings as it has, over the pages that it needs, those around it too.
             predicted: Prediction { redundancy: run_bytes * crossings / distinct, run_bytes },
         }
-    }
-
-    /// Delays of crossings between cells that are known, by the builder's storage model.
-    pub fn delays(&self, draft: &Draft, order: Linear) -> Delays {
-        delays(draft, order, self.storage)
     }
 
     /// Cells with a run of all that they need.
@@ -308,27 +304,13 @@ impl Builder<'_> {
     }
 }
 
-/// What crossings are compared by.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Linear {
-    /// From the layout.
-    No,
-    Packs,
-    Hilbert,
-}
-
-/// Delays of the crossings of a draft by a storage model.
-pub fn delays(draft: &Draft, order: Linear, storage: StorageModel) -> Delays {
+/// What the crossings of a draft read.
+fn crossings(draft: &Draft) -> Vec<Crossing> {
     let crossing = |(from, to)| {
         let run = draft.run(from, to).unwrap_or_default();
         Crossing { pages: run.into_iter().map(|number| draft.pages.get(number)).collect() }
     };
-    let crossings: Vec<Crossing> = draft.crossings().map(crossing).collect();
-    match order {
-        Linear::No => crossing_delays(&crossings, From::Layout, storage),
-        Linear::Packs => crossing_delays(&crossings, From::Linear(&LinearOrder::packs(draft.pages.list())), storage),
-        Linear::Hilbert => crossing_delays(&crossings, From::Linear(&hilbert_order(draft.pages.list())), storage),
-    }
+    draft.crossings().map(crossing).collect()
 }
 
 /// Crossings between adjacent cells of a grid, both ways.

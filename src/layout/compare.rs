@@ -12,6 +12,13 @@ pub struct Crossing {
     pub pages: Vec<(PageId, Place)>,
 }
 
+impl Crossing {
+    /// Stored bytes of its pages.
+    pub fn bytes(&self) -> u64 {
+        self.pages.iter().map(|(_, place)| u64::from(place.len)).sum()
+    }
+}
+
 /// Time until all pages of a crossing are there, over many crossings, and what was read for them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, serde::Serialize, serde::Deserialize)]
 pub struct Delays {

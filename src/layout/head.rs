@@ -148,10 +148,6 @@ impl Layout {
         Ok(layout)
     }
 
-    pub fn page_count(&self) -> usize {
-        self.pages.len()
-    }
-
     /// Pages that a cell needs.
     pub fn set(&self, cell: NavCell) -> Vec<PageId> {
         self.sets.get(self.grid.number(cell)).iter().filter_map(|&number| self.page(number)).collect()

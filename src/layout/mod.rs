@@ -20,7 +20,7 @@ mod sets;
 mod sight;
 mod survey;
 
-pub use build::{BuildError, Builder, Built, ByStorage, Linear, Progress, SIDE_MIN_M, delays};
+pub use build::{BuildError, Builder, Built, ByStorage, Progress};
 pub use choice::{Choice, CurvePoint, PAYS_FROM, Verdict, choose, verdict};
 pub use compare::{Crossing, Delays, From, crossing_delays};
 pub use grid::{Direction, NavCell, NavGrid};

@@ -70,6 +70,7 @@ pub fn times_ahead_s(lead_s: f64) -> [f64; 4] {
 /// Follows an eye through a layout.
 pub struct Rider {
     layout: Arc<Layout>,
+    /// The cell that the eye is in; `None` where the packs alone serve.
     at: Option<NavCell>,
     set: HashSet<PageId>,
     /// Of the runs in `asked`.
@@ -94,17 +95,8 @@ impl Rider {
         }
     }
 
-    pub fn layout(&self) -> &Layout {
-        &self.layout
-    }
-
     pub fn counts(&self) -> RideCounts {
         self.counts
-    }
-
-    /// The cell that the eye is in; `None` where the packs alone serve.
-    pub fn cell(&self) -> Option<NavCell> {
-        self.at
     }
 
     /// Goes on to a view at tolerances; `ahead` are the next places of the eye, as far as they are foretold (none while the
@@ -238,7 +230,7 @@ impl Rider {
     }
 }
 
-/// From the first to the last page that is not held; `None` where all are.
+/// The pages that are not held; `None` where all are.
 fn run(pages: Vec<(PageId, Place)>, cause: RunCause, is_held: &dyn Fn(PageId) -> bool) -> Option<Run> {
     let pages: Vec<(PageId, Place)> = pages.into_iter().filter(|(page, _)| !is_held(*page)).collect();
     (!pages.is_empty()).then_some(Run { pages, cause })

@@ -8,6 +8,7 @@ mod layer;
 mod measure;
 mod needed;
 mod objects;
+mod polygon;
 mod region;
 mod sight;
 mod skirts;

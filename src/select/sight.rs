@@ -1,10 +1,11 @@
 //! What one view sees: culling by frustum and horizon, distances, and shares of the screen.
 
 use super::OutOfView;
+use super::polygon::Polygon;
 use crate::camera::{Frustum, View};
 use crate::forest::index::IndexForest;
 use crate::geodesy::{Ecef, GeoBounds, HorizonCone, OrientedBox, Point, Viewpoint};
-use glam::{DVec2, DVec3};
+use glam::DVec2;
 
 /// Cells wider than this are looked at in parts when their share of the screen is taken: a flat quad would cut too
 /// deep into the Earth.
@@ -109,51 +110,6 @@ fn horizon_eye(view: &View, out_of_view: OutOfView) -> Point<Ecef> {
     match out_of_view {
         OutOfView::Left => view.eye(),
         OutOfView::Coarse => eye.at_height(eye.height_m + RISE_SHARE * eye.height_m.abs() + RISE_M).to_ecef(),
-    }
-}
-
-/// A convex polygon; a quad clipped by five planes has at most nine corners.
-struct Polygon {
-    corners: [DVec3; 9],
-    len: usize,
-}
-
-impl Polygon {
-    fn new(quad: [DVec3; 4]) -> Self {
-        let mut corners = [DVec3::ZERO; 9];
-        corners[..4].copy_from_slice(&quad);
-        Self { corners, len: 4 }
-    }
-
-    /// Keeps what has a distance of at least 0 (Sutherland, Hodgman 1974).
-    fn clip(&mut self, distance: impl Fn(DVec3) -> f64) {
-        let (before, len) = (self.corners, self.len);
-        self.len = 0;
-        for at in 0..len {
-            let (from, to) = (before[at], before[(at + 1) % len]);
-            let (d_from, d_to) = (distance(from), distance(to));
-            if d_from >= 0.0 {
-                self.push(from);
-            }
-            if (d_from >= 0.0) != (d_to >= 0.0) {
-                self.push(from.lerp(to, d_from / (d_from - d_to)));
-            }
-        }
-    }
-
-    fn push(&mut self, corner: DVec3) {
-        // A quad that is not quite flat may be cut more often than a convex one; the loss is a sliver.
-        if let Some(slot) = self.corners.get_mut(self.len) {
-            *slot = corner;
-            self.len += 1;
-        }
-    }
-
-    fn area(&self, project: impl Fn(DVec3) -> DVec2) -> f64 {
-        let corners = &self.corners[..self.len];
-        let twice: f64 =
-            (0..self.len).map(|at| project(corners[at]).perp_dot(project(corners[(at + 1) % self.len]))).sum();
-        twice.abs() / 2.0
     }
 }
 

@@ -1,5 +1,6 @@
 //! Triangles against a view, exactly: what of one is inside the pyramid of the view, and how near that comes.
 
+use super::polygon::Polygon;
 use super::sight::Sight;
 use crate::geodesy::{Ecef, Point};
 use glam::DVec3;
@@ -11,16 +12,13 @@ pub struct Part {
     pub distance_m: f64,
 }
 
-/// A triangle cut by four planes has at most seven corners.
-const CORNERS_MAX: usize = 7;
-
 /// `None` where nothing of it is in the pyramid of the view, or the horizon hides all that is.
 pub fn part_in_view(triangle: [Point<Ecef>; 3], sight: &Sight<'_>) -> Option<Part> {
     // From the eye, all planes of the pyramid pass through the origin.
     let corners = triangle.map(|corner| (corner - sight.eye).xyz());
     let mut polygon = Polygon::new(corners);
     for normal in sight.frustum.inward() {
-        polygon.clip(normal);
+        polygon.clip(|corner| corner.dot(normal));
     }
     let seen = polygon.corners();
     let is_hidden = |corner: &DVec3| sight.horizon.hides(Point::new(sight.eye.xyz() + *corner));
@@ -29,46 +27,6 @@ pub fn part_in_view(triangle: [Point<Ecef>; 3], sight: &Sight<'_>) -> Option<Par
     }
     let fan = (2..seen.len()).map(|at| nearest_m([seen[0], seen[at - 1], seen[at]]));
     Some(Part { distance_m: fan.fold(f64::INFINITY, f64::min) })
-}
-
-struct Polygon {
-    corners: [DVec3; CORNERS_MAX],
-    len: usize,
-}
-
-impl Polygon {
-    fn new(triangle: [DVec3; 3]) -> Self {
-        let mut corners = [DVec3::ZERO; CORNERS_MAX];
-        corners[..3].copy_from_slice(&triangle);
-        Self { corners, len: 3 }
-    }
-
-    /// Keeps what lies on the side that a normal points to (Sutherland, Hodgman 1974).
-    fn clip(&mut self, inward: DVec3) {
-        let (before, len) = (self.corners, self.len);
-        self.len = 0;
-        for at in 0..len {
-            let (from, to) = (before[at], before[(at + 1) % len]);
-            let (d_from, d_to) = (from.dot(inward), to.dot(inward));
-            if d_from >= 0.0 {
-                self.push(from);
-            }
-            if (d_from >= 0.0) != (d_to >= 0.0) {
-                self.push(from.lerp(to, d_from / (d_from - d_to)));
-            }
-        }
-    }
-
-    fn push(&mut self, corner: DVec3) {
-        if let Some(slot) = self.corners.get_mut(self.len) {
-            *slot = corner;
-            self.len += 1;
-        }
-    }
-
-    fn corners(&self) -> &[DVec3] {
-        &self.corners[..self.len]
-    }
 }
 
 /// Distance from the origin to a triangle.

@@ -50,7 +50,7 @@ pub use objects::{
 };
 pub use pack::{PageRange, PageSource};
 pub use remote::{Address, REQUEST_LIMIT, SCHEMES};
-pub use seek::{LAYOUT_BLOCK_BYTES, LAYOUT_HEAD_MAX_BYTES, OpenLayout, layout_blocks, layout_place, write_layout};
+pub use seek::{LAYOUT_BLOCK_BYTES, LAYOUT_HEAD_MAX_BYTES, layout_blocks, layout_place, write_layout};
 pub use stack::STACK_WORLDS_MAX;
 pub use terrain::{HEIGHT_STEP_MIN_M, decode_terrain, encode_terrain, height_step_m};
 pub use verify::{Problem, Verified};

@@ -36,13 +36,6 @@ pub(super) struct SeekFile {
     runs_at: u64,
 }
 
-/// A layout that is open beside its world.
-pub struct OpenLayout {
-    pub(super) file: SeekFile,
-    /// As it was given to [`write_layout`].
-    pub head: Vec<u8>,
-}
-
 struct Header {
     world: u64,
     packed: u64,
@@ -186,8 +179,8 @@ impl From<StoreError> for WriteFault {
     }
 }
 
-/// Opens a layout of a world: checks that it is whole, and of this build of it.
-pub(super) fn open(world: &World, name: &str) -> Result<OpenLayout, StoreError> {
+/// Opens a layout of a world, and gives its head as it was written: checks that it is whole, and of this build of the world.
+fn open(world: &World, name: &str) -> Result<(SeekFile, Vec<u8>), StoreError> {
     let unnamed = || layout_error(&world.name().join(FOLDER), format!("{name:?} is no name of a layout"));
     let file = file_name(name).ok_or_else(unnamed)?;
     let path: PathBuf = world.name().join(&file);
@@ -211,7 +204,7 @@ pub(super) fn open(world: &World, name: &str) -> Result<OpenLayout, StoreError> 
     }
     let head = zstd::bulk::decompress(&packed, header.unpacked as usize)
         .map_err(|error| layout_error(&path, format!("its head cannot be unpacked: {error}")))?;
-    Ok(OpenLayout { file: SeekFile { name: file, runs_at: header.runs_at() }, head })
+    Ok((SeekFile { name: file, runs_at: header.runs_at() }, head))
 }
 
 impl SeekFile {
@@ -231,7 +224,7 @@ impl World {
     /// Opens one of the world's single-seek layouts: from then on pages can be read at its places too, and the head tells
     /// what lies where. A layout that is broken, or of another build of the world, is refused, and nothing changes.
     pub fn open_layout(&mut self, name: &str) -> Result<Vec<u8>, StoreError> {
-        let OpenLayout { file, head } = open(self, name)?;
+        let (file, head) = open(self, name)?;
         self.layout = Some(file);
         Ok(head)
     }
