@@ -8,7 +8,7 @@ use stoop::camera::{Pose, View};
 use stoop::content::PageKind;
 use stoop::engine::Source;
 use stoop::geodesy::Geodetic;
-use stoop::select::{Needed, SelectParams, Urgency, needed};
+use stoop::select::{Needed, Seen, SelectParams, Urgency, needed, needed_and_seen};
 use stoop::simulate::{Frame, Library, Setup, Simulation};
 use stoop::storage::StorageModel;
 use stoop::store::World;
@@ -56,6 +56,9 @@ fn a_settled_frame_draws_all_that_is_needed_and_little_more() {
         assert!(modelled.drawn_triangles >= needs.triangles(), "{height_m}: {modelled:?}");
         assert!(needs.view_cut_triangles <= needs.terrain_triangles, "{height_m}: {needs:?}");
         assert!(needs.view_cut_triangles > 0 && needs.page_triangles >= needs.terrain_triangles);
+        let seen = modelled.seen_triangles.unwrap();
+        assert!(0 < seen && seen <= needs.triangles(), "{height_m}: {modelled:?}");
+        assert!((1..=modelled.needed_bytes).contains(&modelled.seen_bytes.unwrap()), "{height_m}: {modelled:?}");
         // Exact distances are no less than those of boxes: no page is finer than the front's.
         let front = &frame.selection.demands;
         for page in needs.pages.keys() {
@@ -84,4 +87,22 @@ fn what_is_needed_follows_view_and_tolerance() {
     // Facing south, the town is behind the eye.
     let away = view(400.0, 180.0, -10.0);
     assert_eq!((objects(&needs(&library, &away, 1.0)), needs(&library, &away, 1.0).object_triangles), (0, 0));
+}
+
+fn sees(library: &Library, view: &View) -> (Needed, Seen) {
+    needed_and_seen(&library.index, view, &SelectParams::DEFAULT, library)
+}
+
+#[test]
+fn houses_hide_what_is_behind_them_and_nothing_from_above() {
+    let folder = towns::sources();
+    let library = library(&folder);
+    let (needs, seen) = sees(&library, &view(3_000.0, 0.0, -90.0));
+    assert_eq!(seen.object_triangles, needs.object_triangles, "roofs are next to each other from above");
+    // Along the row, whose first house is the tallest and stands before the others.
+    let eye = Geodetic::from_degrees(33.6001, -84.4010, 75.0);
+    let pose = Pose { eye, heading_rad: 90f64.to_radians(), pitch_rad: 0.0 };
+    let (needs, seen) = sees(&library, &View::new(pose, 60f64.to_radians(), [640, 360]));
+    assert!(0 < seen.object_triangles && 2 * seen.object_triangles < needs.object_triangles, "{seen:?} {needs:?}");
+    assert!(seen.pages.iter().all(|page| needs.pages.get(page.0) == Some(page.1)));
 }

@@ -29,6 +29,7 @@ pub struct Moment {
     /// Where they were measured, in one frame each half second.
     pub drawn_over_needed: Option<f64>,
     pub drawn_over_front: Option<f64>,
+    pub drawn_over_seen: Option<f64>,
     pub resident_over_needed: Option<f64>,
 }
 
@@ -46,14 +47,16 @@ pub struct Measured {
     pub cells_tested_mean: f64,
     pub objects_drawn_mean: f64,
     pub waiting_frames: u64,
-    /// Over-modelling, of one frame each half second, without occlusion: sums over sums of triangles drawn and needed in view,
-    /// and of the needed reps as wholes; of stored bytes held and needed; and of the ground's needed triangles and those
-    /// of one cut over the whole view.
+    /// Over-modelling, of one frame each half second: sums over sums of triangles drawn and needed in view, and of the
+    /// needed reps as wholes; of stored bytes held and needed; and of the ground's needed triangles and those of one cut
+    /// over the whole view, all without occlusion. Then drawn and held over what of the needed shows.
     pub drawn_over_needed: Option<f64>,
     pub drawn_over_needed_max: Option<f64>,
     pub drawn_over_front: Option<f64>,
     pub resident_over_needed: Option<f64>,
     pub needed_over_view_cut: Option<f64>,
+    pub drawn_over_seen: Option<f64>,
+    pub resident_over_seen: Option<f64>,
     pub needed_triangles_mean: Option<f64>,
     pub needed_bytes_mean: Option<f64>,
 }
@@ -145,6 +148,7 @@ impl Meter {
             would_have_waited: report.would_have_waited,
             drawn_over_needed: report.drawn_over_needed(),
             drawn_over_front: report.drawn_over_front(),
+            drawn_over_seen: report.drawn_over_seen(),
             resident_over_needed: report.resident_over_needed(),
         });
         if since_s < WARM_S - 1e-9 {
@@ -192,6 +196,8 @@ impl Meter {
             drawn_over_front: ratio(|report| report.modelled_triangles, |report| report.front_triangles),
             resident_over_needed: ratio(|report| report.resident_bytes, |report| report.needed_bytes),
             needed_over_view_cut: ratio(|report| report.needed_ground_triangles, |report| report.view_cut_triangles),
+            drawn_over_seen: ratio(|report| report.modelled_triangles, |report| report.seen_triangles),
+            resident_over_seen: ratio(|report| report.resident_bytes, |report| report.seen_bytes),
             needed_triangles_mean: mean_of(modelled, |report| report.needed_triangles),
             needed_bytes_mean: mean_of(modelled, |report| report.needed_bytes),
         }

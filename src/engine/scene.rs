@@ -11,7 +11,7 @@ use crate::paging::{
     DrawnLevels, DrawnTolerance, Frame, FrameReport, FrameTimings, KnownWay, Lack, Modelled, Planner, Totals,
 };
 use crate::render::Renderer;
-use crate::select::{Demand, OutOfView, SelectParams, Selection, select_raised};
+use crate::select::{Demand, OutOfView, SelectParams, Selection, needed, select_raised};
 use std::time::{Duration, Instant};
 
 /// How long a settled frame waits for a failed page between tries, on its own clock, seconds.
@@ -246,7 +246,8 @@ impl Scene {
     /// What a selection draws and holds beyond what its picture needs, as far as resident pages tell.
     pub fn modelled(&self, view: &View, selection: &Selection) -> Modelled {
         let Residency { index, cells, usage, .. } = &self.residency;
-        Modelled::of(index, view, &self.select_params(), selection, cells, usage.resident_bytes())
+        let needed = needed(index, view, &self.select_params(), cells);
+        Modelled::of(view, selection, &needed, None, usage.resident_bytes())
     }
 
     fn lift(&mut self, selection: &Selection, sink: &mut dyn PageSink) {

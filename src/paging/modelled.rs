@@ -2,10 +2,10 @@
 
 use super::FrameReport;
 use crate::camera::View;
-use crate::forest::index::IndexForest;
-use crate::select::{SelectParams, Selection, StoredPages, needed};
+use crate::forest::index::Place;
+use crate::select::{Needed, Seen, Selection};
 
-/// Counts of one frame, all without occlusion.
+/// Counts of one frame. What is needed is so without occlusion; what is seen, with it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Modelled {
     /// Of the frame's pieces, cut as they are drawn and with their skirts, and of its objects.
@@ -19,19 +19,15 @@ pub struct Modelled {
     /// Stored bytes of pages that were read and are still held, and of those needed.
     pub resident_bytes: u64,
     pub needed_bytes: u64,
+    /// Of those needed, what is not wholly behind something nearer; `None` where it was not looked for.
+    pub seen_triangles: Option<u64>,
+    pub seen_bytes: Option<u64>,
 }
 
 impl Modelled {
-    /// Measures a selection. `resident_bytes` are stored bytes that are held.
-    pub fn of(
-        index: &IndexForest,
-        view: &View,
-        params: &SelectParams,
-        selection: &Selection,
-        pages: &dyn StoredPages,
-        resident_bytes: u64,
-    ) -> Self {
-        let needed = needed(index, view, params, pages);
+    /// Holds a selection against what its view needs, and against what of that shows where it is known. `resident_bytes`
+    /// are stored bytes that are held.
+    pub fn of(view: &View, selection: &Selection, needed: &Needed, seen: Option<&Seen>, resident_bytes: u64) -> Self {
         Self {
             drawn_triangles: drawn_triangles(view, selection),
             needed_triangles: needed.triangles(),
@@ -39,7 +35,9 @@ impl Modelled {
             view_cut_triangles: needed.view_cut_triangles,
             needed_ground_triangles: needed.terrain_triangles,
             resident_bytes,
-            needed_bytes: needed.pages.values().map(|place| u64::from(place.len)).sum(),
+            needed_bytes: stored_bytes(needed.pages.values()),
+            seen_triangles: seen.map(Seen::triangles),
+            seen_bytes: seen.map(|seen| stored_bytes(seen.pages.values())),
         }
     }
 }
@@ -53,9 +51,11 @@ impl FrameReport {
         self.view_cut_triangles = Some(modelled.view_cut_triangles);
         self.resident_bytes = Some(modelled.resident_bytes);
         self.needed_bytes = Some(modelled.needed_bytes);
+        self.seen_triangles = modelled.seen_triangles;
+        self.seen_bytes = modelled.seen_bytes;
     }
 
-    /// Drawn over needed triangles; aim: at most 1.3.
+    /// Drawn over needed triangles, occlusion left out; aim: at most 1.3.
     pub fn drawn_over_needed(&self) -> Option<f64> {
         share(self.modelled_triangles, self.needed_triangles)
     }
@@ -63,6 +63,16 @@ impl FrameReport {
     /// Drawn triangles over those of the needed reps, which the view need not hold wholly.
     pub fn drawn_over_front(&self) -> Option<f64> {
         share(self.modelled_triangles, self.front_triangles)
+    }
+
+    /// Drawn triangles over those needed that nothing nearer hides.
+    pub fn drawn_over_seen(&self) -> Option<f64> {
+        share(self.modelled_triangles, self.seen_triangles)
+    }
+
+    /// Held bytes over those of pages needed that something shows of, as stored.
+    pub fn resident_over_seen(&self) -> Option<f64> {
+        share(self.resident_bytes, self.seen_bytes)
     }
 
     /// Held over needed bytes, as stored.
@@ -79,6 +89,10 @@ impl FrameReport {
 fn share(of: Option<u64>, whole: Option<u64>) -> Option<f64> {
     let (of, whole) = of.zip(whole)?;
     (whole > 0).then(|| of as f64 / whole as f64)
+}
+
+fn stored_bytes<'a>(places: impl Iterator<Item = &'a Place>) -> u64 {
+    places.map(|place| u64::from(place.len)).sum()
 }
 
 /// Triangles as the renderer draws them: lists for later views hold pieces beside this one too.

@@ -70,7 +70,7 @@ pub struct FrameReport {
     pub waited_s: f64,
     /// The debt that no policy can fall below here, px; `None` where it was not computed.
     pub debt_bound_px: Option<f64>,
-    /// Over-modelling, without occlusion (see [`Modelled`](super::Modelled)); `None` where it was not measured.
+    /// Over-modelling (see [`Modelled`](super::Modelled)); `None` where it was not measured.
     pub modelled_triangles: Option<u64>,
     pub needed_triangles: Option<u64>,
     pub front_triangles: Option<u64>,
@@ -78,6 +78,8 @@ pub struct FrameReport {
     pub view_cut_triangles: Option<u64>,
     pub resident_bytes: Option<u64>,
     pub needed_bytes: Option<u64>,
+    pub seen_triangles: Option<u64>,
+    pub seen_bytes: Option<u64>,
     #[serde(skip)]
     pub timings: FrameTimings,
 }

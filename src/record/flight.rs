@@ -107,13 +107,15 @@ pub struct FlightSummary {
     pub ahead_bytes: u64,
     /// Times that frames waited for their pages, by the virtual or the real clock, seconds; null where none did.
     pub waited_s: Option<Distribution>,
-    /// Over-modelling, without occlusion, over the frames in which it was measured: triangles drawn over those needed in view
-    /// and over those of the needed reps as wholes, stored bytes held over needed, and the ground's needed triangles over
-    /// those of one cut over the whole view.
+    /// Over-modelling over the frames in which it was measured: triangles drawn over those needed in view and over those of
+    /// the needed reps as wholes, stored bytes held over needed, and the ground's needed triangles over those of one cut
+    /// over the whole view, all without occlusion; and drawn and held over what of the needed shows.
     pub drawn_over_needed: Option<Distribution>,
     pub drawn_over_front: Option<Distribution>,
     pub resident_over_needed: Option<Distribution>,
     pub needed_over_view_cut: Option<Distribution>,
+    pub drawn_over_seen: Option<Distribution>,
+    pub resident_over_seen: Option<Distribution>,
 }
 
 /// The frames of a flight.
@@ -192,6 +194,8 @@ impl FlightLog {
             drawn_over_front: modelled(FrameReport::drawn_over_front),
             resident_over_needed: modelled(FrameReport::resident_over_needed),
             needed_over_view_cut: modelled(FrameReport::needed_over_view_cut),
+            drawn_over_seen: modelled(FrameReport::drawn_over_seen),
+            resident_over_seen: modelled(FrameReport::resident_over_seen),
         }
     }
 

@@ -10,7 +10,7 @@
 //! view and the tolerance, and not from what is resident. So debt, what a page would take off it, and the debt that no
 //! policy can beat are sums over the same regions with the same weights.
 
-use super::layer::{Layer, Offer, Rep, is_finer};
+use super::layer::{Layer, Offer, Posed, Rep, is_finer};
 use super::region::{FrontRegion, SeenSegment, VisitRegion};
 use super::sight::Sight;
 use super::{DrawPiece, OutOfView, SelectStats};
@@ -28,9 +28,8 @@ pub const STAND_IN_LEVELS: u8 = 3;
 #[derive(Clone, Copy, Debug)]
 pub struct Piece {
     pub cell: CellId,
-    pub terrain: Rep,
+    pub terrain: Posed,
     pub imagery: Option<CellId>,
-    pub own: f64,
     pub distance_m: f64,
     pub around: OrientedBox,
 }
@@ -38,11 +37,11 @@ pub struct Piece {
 impl Piece {
     /// Error of the surface that is drawn, metres.
     pub fn error_m(&self) -> f64 {
-        self.terrain.morphed_error_m(self.own)
+        self.terrain.error_m()
     }
 
     fn draws_like(&self, other: &Self) -> bool {
-        self.terrain.cell == other.terrain.cell && self.imagery == other.imagery
+        self.terrain.rep.cell == other.terrain.rep.cell && self.imagery == other.imagery
     }
 }
 
@@ -115,9 +114,9 @@ pub fn draw(pieces: Vec<Piece>, skirts_m: &[f64], cells: &LiveTree) -> Vec<DrawP
         .filter_map(|(piece, skirt_m)| {
             Some(DrawPiece {
                 cell: piece.cell,
-                terrain: cells.terrain(piece.terrain.cell)?.clone(),
+                terrain: cells.terrain(piece.terrain.rep.cell)?.clone(),
                 imagery: piece.imagery,
-                own: piece.own as f32,
+                own: piece.terrain.own as f32,
                 error_m: piece.error_m() as f32,
                 skirt_m: skirt_m as f32,
                 around: piece.around,
@@ -170,7 +169,7 @@ impl<'a> Walk<'a, '_> {
             && left > 0
             && !(layers.terrain.front_is_drawn() && layers.imagery.front_is_drawn())
             && self.cells.has_finer(region.cell);
-        let here = piece(&region, &layers, distance_m, around, self.sight);
+        let here = piece(&region, &layers, distance_m, around);
         if settled && !stands_in {
             self.pieces.extend(here);
             return;
@@ -194,7 +193,7 @@ impl<'a> Walk<'a, '_> {
         if layers.terrain.drawn().is_none() {
             self.step(region, &mut layers, self.sight.view.projected_px(1.0, distance_m));
         }
-        self.pieces.extend(piece(region, &layers, distance_m, around, self.sight));
+        self.pieces.extend(piece(region, &layers, distance_m, around));
     }
 
     /// Steps both layers to the region's node, and gives its children.
@@ -245,7 +244,7 @@ impl<'a> Walk<'a, '_> {
         let paged = region.node.and_then(|node| node.paged_segment());
         let Some(segment) = paged.or(region.absent) else { return };
         let side_px = bounds.height_rad() * SEMI_MAJOR_M * px_per_m;
-        let drawn_px = |layer: &Layer| layer.drawn().map_or(side_px, |rep| rep.error_m * px_per_m);
+        let drawn_px = |layer: &Layer| layer.drawn().map_or(side_px, |drawn| drawn.rep.error_m * px_per_m);
         let absent_px = drawn_px(&layers.terrain).max(drawn_px(&layers.imagery));
         let share = self.sight.screen_share(bounds, region.heights_m.0);
         SeenSegment { segment, resident: paged.is_some(), share, absent_px, open: false }.show(self.visit_region);
@@ -253,20 +252,15 @@ impl<'a> Walk<'a, '_> {
 
     /// Shows both layers of a region of the front.
     fn measure(&mut self, region: &Region<'_>, layers: &Layers, share: f64, px_per_m: f64) {
-        let tolerance = self.sight.tolerance;
         for (kind, layer, chain) in [
             (PageKind::Terrain, &layers.terrain, &self.chains[0]),
             (PageKind::Imagery, &layers.imagery, &self.chains[1]),
         ] {
             let Some(root) = chain.first() else { continue };
-            let error_px = |rep: Rep| {
-                let own = if kind == PageKind::Terrain { rep.own_weight(px_per_m, tolerance.drawn_px) } else { 1.0 };
-                rep.morphed_error_m(own) * px_per_m
-            };
             // Without pictures the world image is drawn; where no terrain is, the whole side of the cell is the error.
             let absent_m = match kind {
                 PageKind::Imagery => WORLD_IMAGE_COARSER * root.error_m,
-                _ => layer.front().unwrap_or(*root).cell.bounds().height_rad() * SEMI_MAJOR_M,
+                _ => layer.front().map_or(*root, |front| front.rep).cell.bounds().height_rad() * SEMI_MAJOR_M,
             };
             let absent_px = absent_m * px_per_m;
             let is_covered = || {
@@ -275,7 +269,7 @@ impl<'a> Walk<'a, '_> {
                     .is_some_and(|node| self.cells.has_finer(region.cell) && self.covers(&node, kind, STAND_IN_LEVELS))
             };
             let shown = if !layer.front_is_drawn() && is_covered() { layer.front() } else { layer.drawn() };
-            let drawn_px = shown.map_or(absent_px, error_px);
+            let drawn_px = shown.map_or(absent_px, |shown| shown.error_m() * px_per_m);
             let place = |rep: Option<Rep>| rep.map_or(chain.len(), |rep| usize::from(rep.cell.level()));
             (self.visit_region)(&FrontRegion {
                 kind,
@@ -285,9 +279,9 @@ impl<'a> Walk<'a, '_> {
                 px_per_m,
                 absent_px,
                 drawn_px,
-                front: place(layer.front()),
+                front: place(layer.front().map(|front| front.rep)),
                 best: place(layer.best()),
-                drawn: layer.drawn().map(|drawn| usize::from(drawn.cell.level())),
+                drawn: layer.drawn().map(|drawn| usize::from(drawn.rep.cell.level())),
                 open: layer.is_open(),
             });
         }
@@ -307,25 +301,11 @@ impl<'a> Walk<'a, '_> {
     }
 }
 
-fn piece(
-    region: &Region<'_>,
-    layers: &Layers,
-    distance_m: f64,
-    around: OrientedBox,
-    sight: &Sight<'_>,
-) -> Option<Piece> {
-    let px_per_m = sight.view.projected_px(1.0, distance_m);
+fn piece(region: &Region<'_>, layers: &Layers, distance_m: f64, around: OrientedBox) -> Option<Piece> {
     layers.terrain.drawn().map(|terrain| {
-        let own = terrain.own_weight(px_per_m, sight.tolerance.drawn_px);
         // The box bounds the finest surface; the drawn one lies within its error of that.
-        let half_m = around.half_m + DVec3::splat(terrain.morphed_error_m(own));
-        Piece {
-            cell: region.cell,
-            terrain,
-            imagery: layers.imagery.drawn().map(|rep| rep.cell),
-            own,
-            distance_m,
-            around: OrientedBox { half_m, ..around },
-        }
+        let half_m = around.half_m + DVec3::splat(terrain.error_m());
+        let imagery = layers.imagery.drawn().map(|drawn| drawn.rep.cell);
+        Piece { cell: region.cell, terrain, imagery, distance_m, around: OrientedBox { half_m, ..around } }
     })
 }

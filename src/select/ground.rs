@@ -51,12 +51,12 @@ pub fn under_eye(index: &IndexForest, cells: &LiveTree, sight: &Sight<'_>, deman
     let finest = CellId::containing(eye.lat_rad, eye.lon_rad, LEVEL_MAX);
     let mut layer = Layer::default();
     let mut next = index.tree(finest.zone()).map(|tree| tree.root());
-    let (mut distance_m, mut px_per_m) = (0.0, 0.0);
+    let mut distance_m = 0.0;
     while let Some(node) = next {
         let (low_m, high_m) = node.height_range_m();
         let around = OrientedBox::around(&node.cell().bounds(), low_m, high_m);
         distance_m = around.distance_m(sight.eye).max(distance_m);
-        px_per_m = sight.view.projected_px(1.0, distance_m);
+        let px_per_m = sight.view.projected_px(1.0, distance_m);
         if !layer.front_is_settled() {
             demands.ground(&node);
             node.paged_segment().into_iter().for_each(|segment| demands.ground_segment(segment, false));
@@ -75,12 +75,11 @@ pub fn under_eye(index: &IndexForest, cells: &LiveTree, sight: &Sight<'_>, deman
             .and_then(|quadrant| node.child(quadrant));
     }
     let drawn = layer.drawn()?;
-    let own = drawn.own_weight(px_per_m, sight.tolerance.drawn_px);
-    let bounds = drawn.cell.bounds();
+    let bounds = drawn.rep.cell.bounds();
     // π and −π are the same meridian; cells know it as −π.
     let lon_rad = if eye.lon_rad >= PI { eye.lon_rad - TAU } else { eye.lon_rad };
-    let page = cells.terrain(drawn.cell)?;
-    let height_m = page.surface_height_m(eye.lat_rad, lon_rad, own)?;
+    let page = cells.terrain(drawn.rep.cell)?;
+    let height_m = page.surface_height_m(eye.lat_rad, lon_rad, drawn.own)?;
     let post_m = meridian_radius_m(eye.lat_rad.sin()) * bounds.height_rad() / (POSTS - 1) as f64;
     Some(Ground { height_m, spacing_m: post_m * page.longest_side_posts() })
 }

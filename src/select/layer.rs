@@ -23,19 +23,30 @@ impl Rep {
     }
 
     /// Morph weight: at the distance where the parent's error is the tolerance 0, which draws the parent's surface;
-    /// at that where the own error is, 1. So a page comes out of its parent without a pop.
-    pub fn own_weight(&self, px_per_m: f64, tolerance_px: f64) -> f64 {
+    /// at that where the own error is, 1. So a page comes out of its parent without a pop. Only terrain is morphed.
+    fn own_weight(&self, px_per_m: f64, tolerance_px: f64) -> f64 {
         let (own_px, parent_px) = (self.error_m * px_per_m, self.parent_error_m * px_per_m);
-        if self.parent_error_m <= self.error_m {
-            // The root, or a parent that is no worse: nothing to morph from.
+        if self.kind != PageKind::Terrain || self.parent_error_m <= self.error_m {
+            // No terrain, the root, or a parent that is no worse: nothing to morph from.
             return 1.0;
         }
         ((parent_px - tolerance_px) / (parent_px - own_px)).clamp(0.0, 1.0)
     }
+}
 
-    /// Error of the surface morphed by `own`, metres.
-    pub fn morphed_error_m(&self, own: f64) -> f64 {
-        own * self.error_m + (1.0 - own) * self.parent_error_m
+/// A page as it is drawn.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Posed {
+    pub rep: Rep,
+    /// Morph weight by the distance of the page's own cell, which is what it gives way to finer pages by: all pieces of a
+    /// page are drawn alike, and none jumps when those come.
+    pub own: f64,
+}
+
+impl Posed {
+    /// Error of the morphed surface, metres.
+    pub fn error_m(&self) -> f64 {
+        self.own * self.rep.error_m + (1.0 - self.own) * self.rep.parent_error_m
     }
 }
 
@@ -49,6 +60,12 @@ pub struct Offer {
     pub finer: bool,
 }
 
+impl Offer {
+    fn posed(&self, px_per_m: f64, tolerance_px: f64) -> Option<Posed> {
+        self.rep.map(|rep| Posed { rep, own: rep.own_weight(px_per_m, tolerance_px) })
+    }
+}
+
 /// Whether a node's children have pages of a layer, or may have them, as far as the index is resident.
 pub fn is_finer(node: &Node<'_>, has_page: impl Fn(&Node<'_>) -> bool) -> bool {
     node.children().any(|child| has_page(&child)) || node.absent_children().next().is_some()
@@ -57,7 +74,7 @@ pub fn is_finer(node: &Node<'_>, has_page: impl Fn(&Node<'_>) -> bool) -> bool {
 /// How far down to go.
 #[derive(Clone, Copy, Debug, Default)]
 struct Descent {
-    rep: Option<Rep>,
+    page: Option<Posed>,
     settled: bool,
 }
 
@@ -66,7 +83,7 @@ impl Descent {
         if self.settled {
             return;
         }
-        self.rep = offer.rep.or(self.rep);
+        self.page = offer.posed(px_per_m, tolerance_px).or(self.page);
         let fine = offer.rep.is_some_and(|rep| rep.error_m * px_per_m <= tolerance_px);
         self.settled = fine || !offer.finer;
     }
@@ -79,7 +96,7 @@ pub struct Layer {
     front: Descent,
     /// At the tolerance asked for: what the settled front has.
     best: Descent,
-    drawn: Option<Rep>,
+    drawn: Option<Posed>,
     /// The page of the cell above, resident or not.
     above: Option<Rep>,
     /// The index ends here before the layer does.
@@ -100,7 +117,7 @@ impl Layer {
         self.above = offer.rep.or(self.above);
         // Below the front pages are drawn only while they stand in for a page of the front that is missing.
         if offer.resident && still_wanted {
-            self.drawn = offer.rep.or(self.drawn);
+            self.drawn = offer.posed(px_per_m, tolerance.drawn_px).or(self.drawn);
         }
     }
 
@@ -131,21 +148,21 @@ impl Layer {
 
     /// Whether the page of the front is drawn, or a finer one in its place.
     pub fn front_is_drawn(&self) -> bool {
-        match (self.front.rep, self.drawn) {
-            (Some(front), Some(drawn)) => drawn.cell.level() >= front.cell.level(),
+        match (self.front.page, self.drawn) {
+            (Some(front), Some(drawn)) => drawn.rep.cell.level() >= front.rep.cell.level(),
             (front, _) => front.is_none(),
         }
     }
 
-    pub fn front(&self) -> Option<Rep> {
-        self.front.rep
+    pub fn front(&self) -> Option<Posed> {
+        self.front.page
     }
 
     pub fn best(&self) -> Option<Rep> {
-        self.best.rep
+        self.best.page.map(|page| page.rep)
     }
 
-    pub fn drawn(&self) -> Option<Rep> {
+    pub fn drawn(&self) -> Option<Posed> {
         self.drawn
     }
 

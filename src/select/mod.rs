@@ -4,6 +4,7 @@ mod collections;
 mod demands;
 mod front;
 mod ground;
+mod hidden;
 mod layer;
 mod measure;
 mod needed;
@@ -31,7 +32,7 @@ pub use collections::CollectionSet;
 pub use demands::{SHARE_MIN, service_order};
 pub use front::STAND_IN_LEVELS;
 pub use layer::{Rep, ground_page};
-pub use needed::{Needed, StoredPages, needed};
+pub use needed::{Needed, Seen, StoredMeshes, StoredPages, needed, needed_and_seen};
 pub use region::{FrontRegion, VisitRegion};
 
 /// VGIS's four ways to draw objects (Davis et al. 1999, §V).

@@ -4,9 +4,10 @@
 //! Exact means: a triangle of the ground counts where it has a part in the view's pyramid that the horizon does not hide,
 //! and the distance that a cell is judged by is that of the nearest such part, not of its box. Objects count one by one,
 //! by the balls round them; which rep stands for them is chosen as a selection does. There are no skirts, no pages kept
-//! for later, no cells beside the view. What stands in front does not hide what is behind: occlusion is left out.
+//! for later, no cells beside the view. What of it shows, with what stands in front of it, is told beside: [`Seen`].
 
 use super::front::Purpose;
+use super::hidden::DepthMap;
 use super::layer::ground_page;
 use super::objects;
 use super::region::FrontRegion;
@@ -16,7 +17,7 @@ use super::{OutOfView, SelectParams, SelectStats};
 use crate::camera::View;
 use crate::cells::LiveTree;
 use crate::content::rtin::{Active, Triangle};
-use crate::content::{ObjectPage, PageId, PageKind, TerrainPage, WORLD_IMAGE_COARSER};
+use crate::content::{Object, ObjectMesh, ObjectPage, PageId, PageKind, TerrainPage, WORLD_IMAGE_COARSER};
 use crate::forest::index::{IndexForest, Node, Place};
 use crate::forest::{CellId, Quadrant};
 use crate::geodesy::{Ecef, OrientedBox, Point, SEMI_MAJOR_M};
@@ -28,6 +29,11 @@ use std::sync::Arc;
 pub trait StoredPages {
     fn terrain(&self, cell: CellId, place: Place) -> Option<Arc<TerrainPage>>;
     fn objects(&self, page: PageId, place: Place) -> Option<Arc<ObjectPage>>;
+}
+
+/// Gives meshes of stored pages of objects too.
+pub trait StoredMeshes: StoredPages {
+    fn mesh(&self, page: PageId, place: Place) -> Option<Arc<ObjectMesh>>;
 }
 
 /// What is resident alone: a page that is not is taken for the nearest coarser one, so that the ground counts too few
@@ -60,6 +66,21 @@ pub struct Needed {
     pub view_cut_triangles: u64,
 }
 
+/// Of what one view needs, what is not wholly behind something nearer: triangles of the ground one by one, objects as
+/// wholes. What shows in no pixel, nor beside one, does not count.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Seen {
+    pub pages: BTreeMap<PageId, Place>,
+    pub terrain_triangles: u64,
+    pub object_triangles: u64,
+}
+
+impl Seen {
+    pub fn triangles(&self) -> u64 {
+        self.terrain_triangles + self.object_triangles
+    }
+}
+
 impl Needed {
     /// Those in view.
     pub fn triangles(&self) -> u64 {
@@ -77,13 +98,103 @@ impl Needed {
 pub fn needed(index: &IndexForest, view: &View, params: &SelectParams, pages: &dyn StoredPages) -> Needed {
     let tolerance = Tolerance::new(params.tolerance_px, params.tolerance_px);
     let sight = Sight::new(index, view, tolerance, OutOfView::Left);
-    let mut walk = Walk { sight: &sight, tolerance_px: params.tolerance_px, pages, found: Needed::default() };
+    gather(index, &sight, params, pages).needed
+}
+
+/// The same, and what of it shows; costs as much again, and a picture by the processor.
+pub fn needed_and_seen(
+    index: &IndexForest,
+    view: &View,
+    params: &SelectParams,
+    pages: &dyn StoredMeshes,
+) -> (Needed, Seen) {
+    let tolerance = Tolerance::new(params.tolerance_px, params.tolerance_px);
+    let sight = Sight::new(index, view, tolerance, OutOfView::Left);
+    let scene = gather(index, &sight, params, pages);
+    let seen = scene.seen(&sight, pages);
+    (scene.needed, seen)
+}
+
+fn gather(index: &IndexForest, sight: &Sight<'_>, params: &SelectParams, pages: &dyn StoredPages) -> Scene {
+    let mut walk = Walk { sight, tolerance_px: params.tolerance_px, pages, found: Scene::default() };
     for root in index.trees().map(|tree| tree.root()) {
         walk.visit(root.cell(), Some(root), &Ground::default());
     }
     let mut found = walk.found;
-    count_objects(index, &sight, params, pages, &mut found);
+    gather_objects(index, sight, params, pages, &mut found);
     found
+}
+
+/// What is needed, and of what it consists.
+#[derive(Default)]
+struct Scene {
+    needed: Needed,
+    /// Parts in view of each page of the ground.
+    ground: Vec<(PageId, Vec<Part>)>,
+    /// Of each picture, what of the ground it lies on.
+    pictures: Vec<(PageId, Vec<Part>)>,
+    /// Numbers of the objects in view of each page.
+    objects: Vec<(PageId, Arc<ObjectPage>, Vec<usize>)>,
+}
+
+impl Scene {
+    fn seen(&self, sight: &Sight<'_>, pages: &dyn StoredMeshes) -> Seen {
+        let mut map = DepthMap::new(sight.view);
+        let parts = self.ground.iter().flat_map(|(_, parts)| parts);
+        parts.for_each(|part| map.draw(part.corners));
+        let meshed: Vec<_> = self
+            .objects
+            .iter()
+            .filter_map(|(id, page, objects)| Some((*id, page, objects, pages.mesh(*id, *self.needed.pages.get(id)?)?)))
+            .collect();
+        for (_, page, objects, mesh) in &meshed {
+            let of_all = objects.iter().flat_map(|&object| triangles_of(page, &page.objects[object], mesh, sight));
+            of_all.for_each(|triangle| map.draw(triangle));
+        }
+        let mut seen = Seen::default();
+        for (id, parts) in &self.ground {
+            let shown = parts.iter().filter(|part| map.shows(part.corners)).count() as u64;
+            seen.terrain_triangles += shown;
+            seen.take(*id, shown > 0, &self.needed);
+        }
+        for (id, parts) in &self.pictures {
+            seen.take(*id, parts.iter().any(|part| map.shows(part.corners)), &self.needed);
+        }
+        for (id, page, objects, mesh) in &meshed {
+            let shown = objects.iter().map(|&object| &page.objects[object]);
+            let shown = shown.filter(|object| triangles_of(page, object, mesh, sight).any(|of| map.shows(of)));
+            let shown = shown.map(triangle_count).sum::<u64>();
+            seen.object_triangles += shown;
+            seen.take(*id, shown > 0, &self.needed);
+        }
+        seen
+    }
+}
+
+impl Seen {
+    fn take(&mut self, page: PageId, shows: bool, needed: &Needed) {
+        self.pages.extend(needed.pages.get_key_value(&page).filter(|_| shows));
+    }
+}
+
+/// Of an object, from the eye.
+fn triangles_of<'a>(
+    page: &ObjectPage,
+    object: &Object,
+    mesh: &'a ObjectMesh,
+    sight: &Sight<'_>,
+) -> impl Iterator<Item = [DVec3; 3]> + use<'a> {
+    let origin = (page.origin - sight.eye).xyz();
+    let indices = mesh.indices.get(object.indices.start as usize..object.indices.end as usize).unwrap_or_default();
+    let corner = move |at: u32| {
+        let vertex = mesh.vertices.get(at as usize)?;
+        Some(origin + DVec3::from(vertex.position_m.map(f64::from)))
+    };
+    indices.chunks_exact(3).filter_map(move |of| Some([corner(of[0])?, corner(of[1])?, corner(of[2])?]))
+}
+
+fn triangle_count(object: &Object) -> u64 {
+    u64::from(object.indices.end - object.indices.start) / 3
 }
 
 /// State of the ground on the way down.
@@ -100,7 +211,7 @@ struct Walk<'a> {
     sight: &'a Sight<'a>,
     tolerance_px: f64,
     pages: &'a dyn StoredPages,
-    found: Needed,
+    found: Scene,
 }
 
 impl Walk<'_> {
@@ -119,14 +230,20 @@ impl Walk<'_> {
         let px_per_m = self.sight.view.projected_px(1.0, distance_m);
         self.settle(cell, node.as_ref(), &mut ground, px_per_m);
         if ground.terrain_settled && !above.terrain_settled && !parts.is_empty() {
-            self.found.pages.insert(PageId { cell: page.cell, kind: PageKind::Terrain }, place);
-            self.found.terrain_triangles += parts.len() as u64;
-            self.found.page_triangles += of_page as u64;
-            self.found.view_cut_triangles += if page.cell == cell { self.view_cut(&page) } else { parts.len() as u64 };
+            let id = PageId { cell: page.cell, kind: PageKind::Terrain };
+            let cut = if page.cell == cell { self.view_cut(&page) } else { parts.len() as u64 };
+            let needed = &mut self.found.needed;
+            needed.pages.insert(id, place);
+            needed.terrain_triangles += parts.len() as u64;
+            needed.page_triangles += of_page as u64;
+            needed.view_cut_triangles += cut;
+            self.found.ground.push((id, parts.clone()));
         }
         if ground.terrain_settled && ground.imagery_settled {
             if let Some((cell, place)) = ground.imagery.filter(|_| !parts.is_empty()) {
-                self.found.pages.insert(PageId { cell, kind: PageKind::Imagery }, place);
+                let id = PageId { cell, kind: PageKind::Imagery };
+                self.found.needed.pages.insert(id, place);
+                self.found.pictures.push((id, parts));
             }
             return;
         }
@@ -245,12 +362,12 @@ fn height_range_m(ground: &Ground) -> (f64, f64) {
 }
 
 /// Objects in view above the threshold, each in the rep that the front has for it.
-fn count_objects(
+fn gather_objects(
     index: &IndexForest,
     sight: &Sight<'_>,
     params: &SelectParams,
     pages: &dyn StoredPages,
-    found: &mut Needed,
+    found: &mut Scene,
 ) {
     // Pages, or their parts for a subtree.
     let mut wanted: BTreeMap<(PageId, Option<CellId>), Place> = BTreeMap::new();
@@ -263,18 +380,22 @@ fn count_objects(
     objects::walk(index, &nothing, sight, params, Purpose::Survey, &mut want, &mut stats);
     for ((id, part), place) in wanted {
         let Some(page) = pages.objects(id, place) else { continue };
-        let triangles = triangles_in_view(&page, part, sight, params.threshold_px);
+        let in_view = objects_in_view(&page, part, sight, params.threshold_px);
+        let triangles = in_view.iter().map(|&object| triangle_count(&page.objects[object])).sum::<u64>();
         if triangles > 0 {
-            found.pages.insert(id, place);
-            found.object_triangles += triangles;
+            found.needed.pages.insert(id, place);
+            found.needed.object_triangles += triangles;
+            found.objects.push((id, page, in_view));
         }
     }
 }
 
-fn triangles_in_view(page: &ObjectPage, part: Option<CellId>, sight: &Sight<'_>, threshold_px: f64) -> u64 {
+/// Their numbers in the page.
+fn objects_in_view(page: &ObjectPage, part: Option<CellId>, sight: &Sight<'_>, threshold_px: f64) -> Vec<usize> {
     let cells = page.cells.iter().filter(|cell| part.is_none_or(|part| part == cell.cell));
-    let objects = cells.filter_map(|cell| page.objects.get(cell.objects.start as usize..cell.objects.end as usize));
-    let in_view = objects.flatten().filter(|object| {
+    let numbers = cells.flat_map(|cell| cell.objects.start as usize..cell.objects.end as usize);
+    let is_in_view = |&number: &usize| {
+        let Some(object) = page.objects.get(number) else { return false };
         let (dimension_m, distance_m) = (f64::from(object.dimension_m), sight.eye.distance_m(object.place));
         // A ball round the middle of the base that holds the object.
         let radius_m = dimension_m * std::f64::consts::SQRT_2;
@@ -282,6 +403,6 @@ fn triangles_in_view(page: &ObjectPage, part: Option<CellId>, sight: &Sight<'_>,
         sight.view.projected_px(dimension_m, distance_m) >= threshold_px
             && sight.frustum.meets_ball(object.place, radius_m)
             && !sight.horizon.hides(Point::new(raised))
-    });
-    in_view.map(|object| u64::from(object.indices.end - object.indices.start) / 3).sum()
+    };
+    numbers.filter(is_in_view).collect()
 }

@@ -2,18 +2,18 @@
 
 use glam::{DVec2, DVec3};
 
-/// A quad clipped by five planes has at most nine corners, a triangle fewer.
-const CORNERS_MAX: usize = 9;
-
 pub struct Polygon {
-    corners: [DVec3; CORNERS_MAX],
+    corners: [DVec3; Polygon::CORNERS_MAX],
     len: usize,
 }
 
 impl Polygon {
+    /// A quad clipped by five planes has at most nine corners, a triangle fewer.
+    pub const CORNERS_MAX: usize = 9;
+
     /// `N` corners, at most those of a quad.
     pub fn new<const N: usize>(of: [DVec3; N]) -> Self {
-        let mut corners = [DVec3::ZERO; CORNERS_MAX];
+        let mut corners = [DVec3::ZERO; Self::CORNERS_MAX];
         corners[..N].copy_from_slice(&of);
         Self { corners, len: N }
     }

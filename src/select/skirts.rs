@@ -30,7 +30,7 @@ pub fn depths_m(pieces: &[Piece], press: Option<&GroundPress>) -> Vec<f64> {
         .iter()
         .zip(beside_m)
         .map(|(piece, beside_m)| {
-            let rounding_m = DEPTH_MIN_M + ROUNDING * piece.terrain.cell.bounds().height_rad() * SEMI_MAJOR_M;
+            let rounding_m = DEPTH_MIN_M + ROUNDING * piece.terrain.rep.cell.bounds().height_rad() * SEMI_MAJOR_M;
             piece.error_m() + beside_m + rounding_m + pressed_m(piece)
         })
         .collect()

@@ -5,10 +5,12 @@ use super::sight::Sight;
 use crate::geodesy::{Ecef, Point};
 use glam::DVec3;
 
-/// The part of a triangle that is in view.
+/// A triangle that is in view, wholly or in part.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Part {
-    /// From the eye to its nearest point, metres.
+    /// From the eye, ECEF axes, metres.
+    pub corners: [DVec3; 3],
+    /// From the eye to the nearest point in view, metres.
     pub distance_m: f64,
 }
 
@@ -26,7 +28,7 @@ pub fn part_in_view(triangle: [Point<Ecef>; 3], sight: &Sight<'_>) -> Option<Par
         return None;
     }
     let fan = (2..seen.len()).map(|at| nearest_m([seen[0], seen[at - 1], seen[at]]));
-    Some(Part { distance_m: fan.fold(f64::INFINITY, f64::min) })
+    Some(Part { corners, distance_m: fan.fold(f64::INFINITY, f64::min) })
 }
 
 /// Distance from the origin to a triangle.

@@ -1,12 +1,12 @@
 //! Pages for simulated runs, decoded once and shared by all of them.
 
 use super::run::FIXED_BYTES;
-use crate::content::{ImageryPage, LAYOUT_AT, ObjectPage, Page, PageId, PageKind, TerrainPage};
+use crate::content::{ImageryPage, LAYOUT_AT, ObjectMesh, ObjectPage, Page, PageId, PageKind, TerrainPage};
 use crate::forest::CellId;
 use crate::forest::index::{IndexError, IndexForest, Place};
 use crate::layout::{Layout, LinearOrder, reordered};
 use crate::paging::{PageReader, ReadError};
-use crate::select::StoredPages;
+use crate::select::{StoredMeshes, StoredPages};
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -90,6 +90,15 @@ impl StoredPages for Library {
     fn objects(&self, page: PageId, place: Place) -> Option<Arc<ObjectPage>> {
         match self.page(page, place) {
             Ok(Page::Objects(page, _)) => Some(page),
+            _ => None,
+        }
+    }
+}
+
+impl StoredMeshes for Library {
+    fn mesh(&self, page: PageId, place: Place) -> Option<Arc<ObjectMesh>> {
+        match self.page(page, place) {
+            Ok(Page::Objects(_, mesh)) => Some(mesh),
             _ => None,
         }
     }

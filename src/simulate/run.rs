@@ -12,7 +12,7 @@ use crate::paging::{
     Modelled, Planner, PlannerParams, PolicyName, RangeRead, ReadError, RequestManager, Totals, Usage, drawn_pages,
     held_bytes, least_footprint_bytes, pinned_demands,
 };
-use crate::select::{Demand, ObjectsMode, SelectParams, Selection, Urgency, select_raised};
+use crate::select::{Demand, ObjectsMode, SelectParams, Selection, Urgency, needed_and_seen, select_raised};
 use crate::storage::{Counters, Disk, Faults, PartOutcome, Request, StorageModel};
 use crate::units::ByteSize;
 use std::collections::{HashMap, HashSet};
@@ -509,9 +509,9 @@ impl<'a> Simulation<'a> {
 
     /// What a frame draws and holds beyond what its picture needs.
     pub fn modelled(&self, frame: &Frame) -> Modelled {
-        let params = self.setup.select_params();
-        let resident_bytes = self.usage.resident_bytes();
-        Modelled::of(&self.index, &frame.view, &params, &frame.selection, self.library, resident_bytes)
+        let (view, params) = (&frame.view, self.setup.select_params());
+        let (needed, seen) = needed_and_seen(&self.index, view, &params, self.library);
+        Modelled::of(view, &frame.selection, &needed, Some(&seen), self.usage.resident_bytes())
     }
 
     /// What can be drawn.

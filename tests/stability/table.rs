@@ -45,10 +45,6 @@ row depends on how fast a machine is.
 const TAIL: &str = "
 What ours does not do as it should:
 
-- There is no hysteresis: under an eye that trembles at a threshold pages change as often as anywhere. What is drawn is
-  continuous where a piece is a whole page. Where pictures are finer than the terrain, pieces are parts of a page, each
-  morphed by its own distance, whereas the page gives way to finer ones by the distance of its nearest point: the far
-  pieces then jump, by less than the tolerance.
 - A spike that could be a height on Earth (below 20 km) is taken as one; `clamp_m` in the recipe holds heights of a source
   between limits.
 - Where half of all reads fail, a front is not whole a minute later: the wait before a page is tried again doubles with

@@ -23,6 +23,8 @@ pub fn over_modelling(runs: &Runs<'_>) -> Figure {
             "drawn_over_front",
             "resident_over_needed",
             "needed_over_view_cut",
+            "drawn_over_seen",
+            "resident_over_seen",
             "needed_triangles_mean",
             "needed_bytes_mean",
         ],
@@ -43,6 +45,8 @@ pub fn over_modelling(runs: &Runs<'_>) -> Figure {
                 figures.drawn_over_front.into(),
                 figures.resident_over_needed.into(),
                 figures.needed_over_view_cut.into(),
+                figures.drawn_over_seen.into(),
+                figures.resident_over_seen.into(),
                 figures.needed_triangles_mean.into(),
                 figures.needed_bytes_mean.into(),
             ]);
@@ -55,8 +59,8 @@ pub fn over_modelling(runs: &Runs<'_>) -> Figure {
              those of the stored reps with a part in the view's pyramid before the horizon, at the tolerance and by exact \
              distances; the same over those of the needed reps as wholes (front), as pages reach beyond the view; stored bytes \
              held over those of the pages needed; and the ground's needed triangles over those of one cut over the whole view. \
-             In the table sums over the flight are compared. Occlusion is in none of these figures: what stands behind a hill \
-             counts as needed."
+             In the table sums over the flight are compared. In these what stands behind a hill or a house counts as needed; \
+             seen is what of the needed is not wholly behind something nearer, objects as wholes."
         ),
         panels,
         sheet,
@@ -76,6 +80,7 @@ fn panel(title: String, flown: &Flown) -> Panel {
         Curve::new("aim", Stroke::Dashed, aim),
         series("drawn ÷ needed", |moment| moment.drawn_over_needed),
         series("drawn ÷ front", |moment| moment.drawn_over_front),
+        series("drawn ÷ seen", |moment| moment.drawn_over_seen),
         series("held ÷ needed", |moment| moment.resident_over_needed),
     ];
     let (x, y) = (Axis::linear("time of the flight, s"), Axis::log("over what is needed", 0.1));
