@@ -14,7 +14,7 @@ p{max-width:60em}.panels{display:grid;grid-template-columns:repeat(auto-fit,minm
 .choice{background:#eef6ee;border:1px solid #b6d7b6;padding:.6em 1em;border-radius:.4em}\
 table{border-collapse:collapse;font-variant-numeric:tabular-nums;font-size:13px}\
 th,td{border-bottom:1px solid #e3e6e9;padding:.15em .6em;text-align:right}th{text-align:right;vertical-align:bottom}\
-td.word,th.word{text-align:left}details{margin:.4em 0}.source{color:#59636e;font-size:13px}.wide{overflow-x:auto}";
+td.word,th.word{text-align:left;vertical-align:top}details{margin:.4em 0}.source{color:#59636e;font-size:13px}.wide{overflow-x:auto}";
 
 /// Rows that a table shows at once; of longer ones the file has the rest.
 const ROWS_MAX: usize = 400;

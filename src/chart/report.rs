@@ -2,7 +2,7 @@
 
 use super::choose::{self, FRAME_AIM_MS, FrameTimes, Recommended};
 use super::figure::Figure;
-use super::figures::{Runs, accuracy, debt, fetch, modelled, speed, waits};
+use super::figures::{Runs, accuracy, debt, fetch, modelled, speed, stability, waits};
 use super::flown::{Flown, runs_sheet};
 use super::page::{self, Entry, Frame};
 use super::plot::PlotError;
@@ -71,6 +71,7 @@ impl Report<'_> {
         std::fs::create_dir_all(folder).map_err(|source| ReportError::Folder { folder: folder.to_owned(), source })?;
         let mut figures = self.figures();
         figures.extend(self.further.iter().cloned());
+        figures.push(stability::stability());
         let candidates = choose::candidates(self.sweep, self.flown, self.frame_times);
         let choice = choose::choose(self.sweep, &candidates);
         let recommendation = choose::sheet(&candidates, choice.as_ref());

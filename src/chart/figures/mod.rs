@@ -7,6 +7,7 @@ pub mod fetch;
 pub mod layouts;
 pub mod modelled;
 pub mod speed;
+pub mod stability;
 pub mod waits;
 
 use super::figure::Curve;
