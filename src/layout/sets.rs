@@ -9,6 +9,7 @@ use crate::forest::index::{IndexForest, Node, Place};
 use crate::geodesy::GeoBounds;
 use crate::select::STAND_IN_LEVELS;
 use rayon::prelude::*;
+use std::collections::hash_map::Entry;
 use std::collections::{BTreeMap, BTreeSet, HashMap, HashSet};
 
 /// Numbers of pages, ascending.
@@ -90,6 +91,13 @@ type At = (u32, u32, u32, bool);
 fn places(cell: NavCell) -> [(u32, u32); 5] {
     let (west, south) = (2 * cell.column, 2 * cell.row);
     [(west, south), (west + 2, south), (west, south + 2), (west + 2, south + 2), (west + 1, south + 1)]
+}
+
+/// Those of a cell and of the eight round it. Between walls an eye sees along streets that none of its own cell's five
+/// viewpoints looks into; some of its neighbours' do.
+fn places_round(cell: NavCell) -> impl Iterator<Item = (u32, u32)> {
+    let from = |at: u32| (2 * at).saturating_sub(2)..=2 * at + 4;
+    from(cell.row).flat_map(move |y| from(cell.column).map(move |x| (x, y)))
 }
 
 /// Corners lie at the lower end of a band, where reps are finest; the middle at its upper end, from where horizons are
@@ -225,18 +233,17 @@ fn leave_out_hidden(
         if !progress("sights", done, low.len()) {
             return Err("stopped".to_owned());
         }
-        let mut seen = Seen::default();
         for (x, y) in places(cell) {
-            let view = match views.entry((x, y, cell.band)) {
-                std::collections::hash_map::Entry::Occupied(known) => known.into_mut(),
+            if let Entry::Vacant(none) = views.entry((x, y, cell.band)) {
                 // From the upper end more is seen than from below it: what stands on the ground hides no less there.
-                std::collections::hash_map::Entry::Vacant(none) => {
-                    let eye = grid.eye(f64::from(x) / 2.0, f64::from(y) / 2.0, grid.band_m(cell.band).1);
-                    none.insert(witness.seen(eye)?)
-                }
-            };
-            seen.join(view);
+                let eye = grid.eye(f64::from(x) / 2.0, f64::from(y) / 2.0, grid.band_m(cell.band).1);
+                none.insert(witness.seen(eye)?);
+            }
         }
+    }
+    for &cell in &low {
+        let mut seen = Seen::default();
+        places_round(cell).filter_map(|(x, y)| views.get(&(x, y, cell.band))).for_each(|view| seen.join(view));
         if let Some(set) = sets.get_mut(&grid.number(cell)) {
             let bytes = |set: &BTreeMap<PageId, Place>| set.values().map(|place| u64::from(place.len)).sum::<u64>();
             let (of_pages, of_bytes) = (set.len() as u64, bytes(set));
