@@ -123,8 +123,9 @@ impl Point {
     }
 }
 
-fn weight(points: &[Point]) -> f64 {
-    points.iter().map(|point| point.weight).sum()
+fn weight<'a>(points: impl IntoIterator<Item = &'a Point>) -> f64 {
+    // A sum of nothing would be −0.
+    points.into_iter().fold(0.0, |sum, point| sum + point.weight)
 }
 
 fn is_over(miss_m: f64, bound_m: f64) -> bool {
@@ -266,9 +267,7 @@ impl HeightErrors {
     fn of(points: Vec<Point>, tolerance_px: f64) -> Option<Self> {
         let spread = |of: fn(&Point) -> f64| Spread::of(points.iter().map(|point| (point.weight, of(point))));
         let all = weight(&points);
-        let share = |is_in: &dyn Fn(&Point) -> bool| {
-            points.iter().filter(|point| is_in(point)).map(|point| point.weight).sum::<f64>() / all
-        };
+        let share = |is_in: &dyn Fn(&Point) -> bool| weight(points.iter().filter(|point| is_in(point))) / all;
         Some(Self {
             error_px: spread(|point| point.miss_m * point.px_per_m)?,
             error_m: spread(|point| point.miss_m)?,
@@ -388,6 +387,8 @@ mod tests {
         let point = |weight, miss_m| Point { weight, miss_m, bound_m: 1.5, px_per_m: 0.5 };
         let errors = HeightErrors::of(vec![point(3.0, 1.0), point(1.0, 4.0)], 1.0).unwrap();
         assert_eq!((errors.over_tolerance_share, errors.over_bound_share), (0.25, 0.25));
+        let within = HeightErrors::of(vec![point(3.0, 1.0)], 1.0).unwrap();
+        assert!(within.over_bound_share.is_sign_positive() && within.over_bound_share == 0.0);
         assert_eq!((errors.error_px.mean, errors.error_px.max, errors.bound_px.max), (0.875, 2.0, 0.75));
     }
 }

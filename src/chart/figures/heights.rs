@@ -51,11 +51,23 @@ struct Told {
     title: &'static str,
     axis: &'static str,
     of: fn(&HeightErrors) -> f64,
+    /// The same of what the pieces claim.
+    bound: fn(&HeightErrors) -> f64,
 }
 
 const TOLD: [Told; 2] = [
-    Told { title: "mean", axis: "height error, mean, px", of: |errors| errors.error_px.mean },
-    Told { title: "99 of 100 points", axis: "height error, 99 of 100 within, px", of: |errors| errors.error_px.p99 },
+    Told {
+        title: "mean",
+        axis: "height error, mean, px",
+        of: |errors| errors.error_px.mean,
+        bound: |errors| errors.bound_px.mean,
+    },
+    Told {
+        title: "99 of 100 points",
+        axis: "height error, 99 of 100 within, px",
+        of: |errors| errors.error_px.p99,
+        bound: |errors| errors.bound_px.p99,
+    },
 ];
 
 /// What is drawn along a panel.
@@ -121,18 +133,22 @@ fn figure(runs: &Runs<'_>, measured: &[HeightRun]) -> Figure {
 
 fn panel(runs: &Runs<'_>, rows: &[Row<'_>], along: &Along, told: &Told) -> Panel {
     let mut curves = Vec::new();
-    if !along.names_tolerances {
-        let mut tolerances_px = runs.sweep.tolerances_px.clone();
-        tolerances_px.sort_by(f64::total_cmp);
-        curves.push(Curve::new("tolerance", Stroke::Dashed, tolerances_px.into_iter().map(|px| (px, px))));
-    }
     for (at, flight) in runs.sweep.flights.iter().enumerate() {
+        let of_flight = || rows.iter().filter(move |row| row.measured.run.flight == at);
         let spot = |row: &Row<'_>| {
             let name = along.names_tolerances.then(|| format!("{} px", row.measured.run.tolerance_px));
             Spot { x: (along.of)(row), y: (told.of)(&row.errors), name }
         };
-        let of_flight = rows.iter().filter(|row| row.measured.run.flight == at);
-        curves.push(Curve::new(flight.name.as_str(), Stroke::Dotted, of_flight.map(spot)));
+        curves.push(Curve::new(flight.name.as_str(), Stroke::Dotted, of_flight().map(spot)));
+        if !along.names_tolerances {
+            let bounds = of_flight().map(|row| ((along.of)(row), (told.bound)(&row.errors)));
+            curves.push(Curve::new(format!("{}, bound", flight.name), Stroke::Line, bounds));
+        }
+    }
+    if !along.names_tolerances {
+        let mut tolerances_px = runs.sweep.tolerances_px.clone();
+        tolerances_px.sort_by(f64::total_cmp);
+        curves.push(Curve::new("tolerance", Stroke::Dashed, tolerances_px.into_iter().map(|px| (px, px))));
     }
     let title = format!("{} by {}", told.title, along.title);
     Panel { title, x: (along.axis)(), y: Axis::log(told.axis, LEAST_PX), curves }
