@@ -61,12 +61,21 @@ pub struct HeightCounts {
     /// Of the source's posts beside the points, where bounds hold.
     pub posts: u64,
     pub over_bound_posts: u64,
+    pub over_bound_posts_max_m: f64,
 }
 
 impl HeightCounts {
     /// Of the ground in view, the share that no point stands for; 0 to 1, mean over the frames.
     pub fn unmeasured_share(&self) -> f64 {
         self.unmeasured_shares / self.frames.max(1) as f64
+    }
+
+    fn take_post(&mut self, miss_m: f64, bound_m: f64) {
+        self.posts += 1;
+        if is_over(miss_m, bound_m) {
+            self.over_bound_posts += 1;
+            self.over_bound_posts_max_m = self.over_bound_posts_max_m.max(miss_m - bound_m);
+        }
     }
 }
 
@@ -175,9 +184,8 @@ impl Found {
         let seen_share: f64 = seen.iter().map(|part| part.share).sum();
         for part in seen {
             self.points.extend(gauge.point(part, part.share * share / seen_share));
-            if let Some(is_over) = gauge.post_is_over(part) {
-                self.counts.posts += 1;
-                self.counts.over_bound_posts += u64::from(is_over);
+            if let Some(miss_m) = gauge.post_miss_m(part) {
+                self.counts.take_post(miss_m, gauge.bound_m());
             }
         }
     }
@@ -197,6 +205,7 @@ impl AddAssign for HeightCounts {
         self.over_bound_max_m = self.over_bound_max_m.max(other.over_bound_max_m);
         self.posts += other.posts;
         self.over_bound_posts += other.over_bound_posts;
+        self.over_bound_posts_max_m = self.over_bound_posts_max_m.max(other.over_bound_posts_max_m);
     }
 }
 
@@ -246,14 +255,19 @@ impl Gauge<'_> {
         let miss_m = (height_m - self.truth.height_m(lat_rad, lon_rad)?).abs();
         let distance_m = (part.middle.to_ecef() - self.sight.eye).xyz().length();
         let px_per_m = self.sight.view.projected_px(1.0, distance_m);
-        Some(Point { weight, miss_m, bound_m: self.piece.error_m.into(), px_per_m })
+        Some(Point { weight, miss_m, bound_m: self.bound_m(), px_per_m })
     }
 
-    /// Whether the drawn ground is beyond the bound at the source's post beside a part's middle.
-    fn post_is_over(&self, part: &Part) -> Option<bool> {
+    /// How far the drawn ground is off the source's post beside a part's middle.
+    fn post_miss_m(&self, part: &Part) -> Option<f64> {
         let post = self.truth.post_near(part.middle.lat_rad, part.middle.lon_rad, &part.bounds)?;
         let drawn_m = self.piece.terrain.surface_height_m(post.lat_rad, post.lon_rad, self.piece.own.into())?;
-        Some(is_over((drawn_m - post.height_m).abs(), self.piece.error_m.into()))
+        Some((drawn_m - post.height_m).abs())
+    }
+
+    /// What the piece claims.
+    fn bound_m(&self) -> f64 {
+        self.piece.error_m.into()
     }
 }
 

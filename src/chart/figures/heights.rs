@@ -12,7 +12,7 @@ use crate::simulate::{Library, SimulationError};
 /// Errors below this are drawn at it, px.
 const LEAST_PX: f64 = 1e-3;
 
-const COLUMNS: [&str; 24] = [
+const COLUMNS: [&str; 25] = [
     "flight",
     "storage",
     "policy",
@@ -35,6 +35,7 @@ const COLUMNS: [&str; 24] = [
     "over_bound_max_m",
     "posts",
     "over_bound_posts",
+    "over_bound_posts_max_m",
     "triangles_mean",
     "bytes",
 ];
@@ -180,6 +181,7 @@ fn sheet(runs: &Runs<'_>, rows: &[Row<'_>]) -> Sheet {
             counts.over_bound_max_m.into(),
             counts.posts.into(),
             counts.over_bound_posts.into(),
+            counts.over_bound_posts_max_m.into(),
             flown.measured.triangles_mean.into(),
             Cell::from(flown.outcome.bytes),
         ]);
