@@ -5,6 +5,7 @@ mod compare;
 mod figure;
 mod figures;
 mod flown;
+mod gauge;
 mod heights;
 mod images;
 mod live;
