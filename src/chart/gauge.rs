@@ -1,13 +1,18 @@
 //! Points over the drawn ground of one frame: what is drawn there, what is true, and what the piece claims.
 
 use super::heights::{HeightCounts, Truth};
+use crate::content::Surface;
 use crate::forest::index::IndexForest;
 use crate::geodesy::{GeoBounds, Geodetic};
 use crate::select::{DrawPiece, OutOfView, Sight, Tolerance};
 use crate::simulate::Frame;
 
-/// Points along a side of a piece: at least, and of one that fills the screen.
-pub const SIDE_POINTS: [f64; 2] = [4.0, 16.0];
+/// Points along a side of a piece, at least.
+pub const SIDE_POINTS: u32 = 4;
+/// Parts that take more of the screen than this are quartered, so often at most: near the eye a small part of a piece may
+/// fill the picture.
+pub const PART_SHARE_MAX: f64 = 1.0 / 256.0;
+const QUARTERINGS_MAX: u32 = 12;
 /// Bounds are compared with this much room, as a share: pieces carry them in f32.
 const ROUNDING: f64 = 1e-6;
 
@@ -114,27 +119,28 @@ struct Gauge<'a> {
 }
 
 impl Gauge<'_> {
-    /// The piece in equal parts; in more of them where it takes much of the screen.
+    /// The piece in parts, smaller ones where it takes much of the screen.
     fn parts(&self) -> Vec<Part> {
-        let bounds = self.piece.cell.bounds();
         let surface = self.piece.terrain.surface(self.piece.own.into());
-        let drawn = |place: Geodetic| Some(place.at_height(surface.height_m(place.lat_rad, place.lon_rad)?));
-        let Some(center) = drawn(bounds.center()) else { return Vec::new() };
-        let share = self.sight.screen_share(&bounds, center.height_m);
-        let side = (SIDE_POINTS[1] * share.sqrt()).ceil().max(SIDE_POINTS[0]) as u32;
-        let all = (0..side).flat_map(|row| (0..side).map(move |column| (row, column)));
-        all.filter_map(|(row, column)| {
-            let bounds = part_bounds(&bounds, side, row, column);
-            let middle = drawn(bounds.center())?;
-            let place = middle.to_ecef();
-            Some(Part {
-                bounds,
-                middle,
-                share: self.sight.screen_share(&bounds, middle.height_m),
-                is_seen: self.sight.frustum.meets_ball(place, 0.0) && !self.sight.horizon.hides(place),
-            })
-        })
-        .collect()
+        let mut parts = Vec::new();
+        for bounds in cut(&self.piece.cell.bounds(), SIDE_POINTS) {
+            self.quarter(&surface, bounds, QUARTERINGS_MAX, &mut parts);
+        }
+        parts
+    }
+
+    fn quarter(&self, surface: &Surface<'_>, bounds: GeoBounds, left: u32, parts: &mut Vec<Part>) {
+        let center = bounds.center();
+        let Some(height_m) = surface.height_m(center.lat_rad, center.lon_rad) else { return };
+        let share = self.sight.screen_share(&bounds, height_m);
+        if share > PART_SHARE_MAX && left > 0 {
+            cut(&bounds, 2).for_each(|quarter| self.quarter(surface, quarter, left - 1, parts));
+            return;
+        }
+        let middle = center.at_height(height_m);
+        let place = middle.to_ecef();
+        let is_seen = self.sight.frustum.meets_ball(place, 0.0) && !self.sight.horizon.hides(place);
+        parts.push(Part { bounds, middle, share, is_seen });
     }
 
     fn point(&self, part: &Part, weight: f64) -> Option<Point> {
@@ -158,10 +164,16 @@ impl Gauge<'_> {
     }
 }
 
-fn part_bounds(whole: &GeoBounds, side: u32, row: u32, column: u32) -> GeoBounds {
-    let share = |at: u32| f64::from(at) / f64::from(side);
-    let (low, high) = (whole.at(share(column), share(row), 0.0), whole.at(share(column + 1), share(row + 1), 0.0));
-    GeoBounds { west_rad: low.lon_rad, south_rad: low.lat_rad, east_rad: high.lon_rad, north_rad: high.lat_rad }
+/// As many equal parts along each side.
+fn cut(whole: &GeoBounds, side: u32) -> impl Iterator<Item = GeoBounds> {
+    let whole = *whole;
+    let share = move |at: u32| f64::from(at) / f64::from(side);
+    let corner = move |row: u32, column: u32| whole.at(share(column), share(row), 0.0);
+    let places = (0..side).flat_map(move |row| (0..side).map(move |column| (row, column)));
+    places.map(move |(row, column)| {
+        let (low, high) = (corner(row, column), corner(row + 1, column + 1));
+        GeoBounds { west_rad: low.lon_rad, south_rad: low.lat_rad, east_rad: high.lon_rad, north_rad: high.lat_rad }
+    })
 }
 
 #[cfg(test)]
@@ -239,9 +251,9 @@ mod tests {
     #[test]
     fn what_is_out_of_view_or_of_the_source_is_left_out() {
         assert_eq!(found(piece(-10.0, 1.0), 98.0, 1e5).points.len(), 0);
-        // Low above its middle the piece fills the screen: finer parts, most of them out of view.
+        // Low above its middle a small part of the piece fills the screen.
         let low = found(piece(10.0, 1.0), 98.0, 400.0);
-        assert!((8..200).contains(&low.points.len()), "{}", low.points.len());
+        assert!((256..1100).contains(&low.points.len()), "{}", low.points.len());
         assert!((weight(&low.points) - 1.0).abs() < 0.01 && (low.share - 1.0).abs() < 0.01, "{}", low.share);
     }
 }

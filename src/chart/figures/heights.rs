@@ -4,7 +4,7 @@ use super::Runs;
 use crate::chart::compare::WARM_S;
 use crate::chart::figure::{Axis, Curve, Figure, Panel, Spot, Stroke};
 use crate::chart::flown::{Flown, SAMPLE_S};
-use crate::chart::gauge::SIDE_POINTS;
+use crate::chart::gauge::{PART_SHARE_MAX, SIDE_POINTS};
 use crate::chart::heights::{HeightErrors, HeightRun, Truth, measure_heights};
 use crate::chart::sheet::{Cell, Sheet};
 use crate::chart::sweep::Sweep;
@@ -193,16 +193,17 @@ fn sheet(runs: &Runs<'_>, rows: &[Row<'_>]) -> Sheet {
 fn text(sweep: &Sweep) -> String {
     format!(
         "How far the drawn ground is off the elevation that the world was made from: {} on {}, one frame each {SAMPLE_S} s \
-         from {WARM_S} s on. Points are spread over each piece of the ground in view, {least} × {least} or more, and count \
-         by the share of the screen that they stand for; each frame counts alike. Pixels are those of the vertical error at \
-         the point's own distance. A piece's bound holds at the source's posts and at its own vertices: of the posts beside \
-         the points the table has how many are beyond it (over_bound_posts, which should be 0). Between posts the source is \
-         interpolated, and the ground drawn as flat triangles, so that there a point may be beyond its piece's bound too \
-         (over_bound_share, over_bound_points). Ground outside the sources is left out, and so are pieces so near that no \
-         point of them is in view (unmeasured_share); objects, skirts and the pressing down of ground round a buried eye are \
-         in none of these figures.",
+         from {WARM_S} s on. Points are spread over each piece of the ground in view, {least} × {least} or as many as make none \
+         stand for more than 1/{most} of the screen; they count by that share, and each frame counts alike. Pixels are those of the \
+         vertical error at the point's own distance. Bounds are what pieces claim: they hold at the source's posts, and the \
+         table has how many posts beside the points are beyond them (over_bound_posts, which should be 0). Between posts the \
+         source is interpolated and the ground drawn as flat triangles, so that there points may be beyond them too \
+         (over_bound_share, over_bound_points). Ground outside the sources is left out, and so are pieces of which no point is \
+         in view (both are in unmeasured_share); objects, skirts and the pressing down of ground round a buried eye are in none \
+         of these figures.",
         sweep.ours(),
         sweep.storages[0],
-        least = SIDE_POINTS[0],
+        least = SIDE_POINTS,
+        most = 1.0 / PART_SHARE_MAX,
     )
 }
