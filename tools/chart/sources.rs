@@ -9,6 +9,8 @@ use stoop::units::ByteSize;
 
 /// Decoded posts that are kept.
 const MEMORY: ByteSize = ByteSize(1 << 30);
+/// In search of a post each look reaches so many times as far as the one before.
+const FARTHER: f64 = 4.0;
 
 /// All elevation of a recipe.
 pub struct Sources(Elevation);
@@ -29,6 +31,18 @@ impl Sources {
     pub fn check(&self) -> anyhow::Result<()> {
         self.0.failure().map_or(Ok(()), |failure| Err(failure.into()))
     }
+
+    fn nearest_post(&self, lat_rad: f64, lon_rad: f64, bounds: &GeoBounds) -> Option<Geodetic> {
+        let mut nearest: Option<(f64, Geodetic)> = None;
+        self.0.for_each_post(bounds, &mut |post_lat_rad, post_lon_rad, height_m| {
+            let (north, east) = (post_lat_rad - lat_rad, (post_lon_rad - lon_rad) * lat_rad.cos());
+            let distance = north * north + east * east;
+            if nearest.is_none_or(|(least, _)| distance < least) {
+                nearest = Some((distance, Geodetic { lat_rad: post_lat_rad, lon_rad: post_lon_rad, height_m }));
+            }
+        });
+        nearest.map(|(_, post)| post)
+    }
 }
 
 impl Truth for Sources {
@@ -41,9 +55,9 @@ impl Truth for Sources {
     fn post_near(&self, lat_rad: f64, lon_rad: f64, within: &GeoBounds) -> Option<Geodetic> {
         let mut reach_rad = self.0.finest_spacing_rad(within)?;
         loop {
-            let around = around(lat_rad, lon_rad, reach_rad);
-            let post = self.nearest_post(lat_rad, lon_rad, &around.intersection(within)?);
-            let is_all = around.intersection(within) == Some(*within);
+            let around = around(lat_rad, lon_rad, reach_rad).intersection(within)?;
+            let post = self.nearest_post(lat_rad, lon_rad, &around);
+            let is_all = around == *within;
             if post.is_some() || is_all {
                 return post;
             }
@@ -51,9 +65,6 @@ impl Truth for Sources {
         }
     }
 }
-
-/// Each look reaches so many times as far as the one before.
-const FARTHER: f64 = 4.0;
 
 /// As far to all sides on the ground.
 fn around(lat_rad: f64, lon_rad: f64, reach_rad: f64) -> GeoBounds {
@@ -63,19 +74,5 @@ fn around(lat_rad: f64, lon_rad: f64, reach_rad: f64) -> GeoBounds {
         south_rad: lat_rad - reach_rad,
         east_rad: lon_rad + east_rad,
         north_rad: lat_rad + reach_rad,
-    }
-}
-
-impl Sources {
-    fn nearest_post(&self, lat_rad: f64, lon_rad: f64, bounds: &GeoBounds) -> Option<Geodetic> {
-        let mut nearest: Option<(f64, Geodetic)> = None;
-        self.0.for_each_post(bounds, &mut |post_lat_rad, post_lon_rad, height_m| {
-            let (north, east) = (post_lat_rad - lat_rad, (post_lon_rad - lon_rad) * lat_rad.cos());
-            let distance = north * north + east * east;
-            if nearest.is_none_or(|(least, _)| distance < least) {
-                nearest = Some((distance, Geodetic { lat_rad: post_lat_rad, lon_rad: post_lon_rad, height_m }));
-            }
-        });
-        nearest.map(|(_, post)| post)
     }
 }
