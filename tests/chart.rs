@@ -25,6 +25,7 @@ impl Case {
         let case = Self { folder };
         let sets = towns::set("west", "west.geojson") + &towns::set("near", "near.geojson");
         towns::make(case.folder.path(), &case.path("world"), &sets);
+        fs::write(case.path("recipe.toml"), towns::world_text(&sets)).unwrap();
         fs::write(case.path("dive.json"), dive()).unwrap();
         case
     }
@@ -48,7 +49,7 @@ impl Case {
                 "--size",
                 "320x180,160x90",
             ])
-            .args(["--step-secs", "0.1", "--faults", "errors=0.05", "--seed", "7"])
+            .args(["--step-secs", "0.1", "--faults", "errors=0.05", "--seed", "7", "--against", "recipe.toml"])
             .arg("--out")
             .arg(&out)
             .output()
@@ -101,8 +102,18 @@ fn charts_are_the_same_each_time_and_all_their_figures_are_in_the_tables() {
     let names = files(&first, "");
     assert_eq!(names, files(&second, ""));
     let csv: Vec<&String> = names.iter().filter(|name| name.ends_with(".csv")).collect();
-    let expected =
-        ["accuracy", "debt", "debts", "distance", "dominance", "fetch", "modelled", "recommendation", "runs"];
+    let expected = [
+        "accuracy",
+        "debt",
+        "debts",
+        "distance",
+        "dominance",
+        "fetch",
+        "heights",
+        "modelled",
+        "recommendation",
+        "runs",
+    ];
     assert!(expected.iter().all(|name| csv.contains(&&format!("{name}.csv"))), "{csv:?}");
     for name in &names {
         assert!(fs::read(first.join(name)).unwrap() == fs::read(second.join(name)).unwrap(), "{name} differs");
@@ -122,7 +133,32 @@ fn charts_are_the_same_each_time_and_all_their_figures_are_in_the_tables() {
         let rows = csv::Reader::from_path(first.join(name)).unwrap().into_records().count();
         assert_eq!(data["tables"][name.trim_end_matches(".csv")].as_array().unwrap().len(), rows, "{name}");
     }
+    assert!(page.contains("Height error against the source"));
+    heights_keep_their_bounds_and_grow_with_the_tolerance(&first.join("heights.csv"));
     a_profile_is_taken_and_flags_win(&case, &first.join(PROFILE_FILE));
+}
+
+fn heights_keep_their_bounds_and_grow_with_the_tolerance(file: &Path) {
+    type Row = std::collections::BTreeMap<String, String>;
+    let rows: Vec<Row> = csv::Reader::from_path(file).unwrap().into_deserialize().map(Result::unwrap).collect();
+    let figures = |column: &str| -> Vec<f64> { rows.iter().map(|row| row[column].parse().unwrap()).collect() };
+    assert_eq!(figures("tolerance_px"), [1.0, 4.0]);
+    // From 2 s to 8 s, one each half second.
+    assert_eq!(figures("frames"), [13.0, 13.0]);
+    for column in ["error_mean_px", "error_mean_m", "bound_mean_px"] {
+        let [fine, coarse] = figures(column)[..] else { panic!("two tolerances") };
+        assert!(0.0 < fine && fine < coarse, "{column}: {fine} {coarse}");
+    }
+    for column in ["triangles_mean", "bytes"] {
+        assert!(figures(column)[0] > figures(column)[1], "{column}");
+    }
+    assert!(figures("posts").iter().all(|&posts| posts > 500.0), "{:?}", figures("posts"));
+    assert_eq!(figures("over_bound_posts"), [0.0, 0.0]);
+    for (at, row) in rows.iter().enumerate() {
+        let [mean, most, worst] = ["error_mean_px", "error_p99_px", "error_max_px"].map(|column| figures(column)[at]);
+        assert!(mean <= most && most <= worst && worst <= 1.5 * figures("bound_max_px")[at], "{row:?}");
+        assert!(figures("over_bound_share")[at] < 0.05 && figures("unmeasured_share")[at] < 0.05, "{row:?}");
+    }
 }
 
 fn a_profile_is_taken_and_flags_win(case: &Case, file: &Path) {
@@ -182,10 +218,26 @@ fn bad_arguments_give_one_clear_error() {
     says(&chart(&["--over", "12"]), "LON,LAT");
     says(&chart(&["--pictures", "0"]), "--pictures");
     says(&chart(&[]), "world");
+    says(&chart(&["--root", "."]), "--against");
     says(&run(CHART, &["world", "--out", "out"]), "--path");
     let fly = ["fly", "world", "--path", "no-path.json", "--virtual", "wan"];
     says(&run(STOOP, &[&fly[..4], &["--profile", "none.json"]].concat()), "none.json");
     says(&run(STOOP, &[&fly[..], &["--profile", "profile.json"]].concat()), "tolerance_px is -1");
     says(&run(STOOP, &[&fly[..4], &["--modelled", "3"]].concat()), "--virtual");
     assert!(!folder.path().join("out").exists());
+}
+
+#[test]
+fn heights_need_a_recipe_with_elevation_and_its_files() {
+    let case = Case::new();
+    let run = |recipe: &str| {
+        let arguments = ["world", "--path", "dive.json", "--policy", "demand", "--out", "out", "--against", recipe];
+        Command::new(CHART).current_dir(case.folder.path()).args(arguments).output().unwrap()
+    };
+    says(&run("no-recipe.toml"), "no-recipe.toml: cannot be read");
+    fs::write(case.path("flat.toml"), "name = \"flat\"\n".to_owned() + &towns::set("west", "west.geojson")).unwrap();
+    says(&run("flat.toml"), "flat.toml: has no [[elevation]]");
+    fs::write(case.path("lost.toml"), "name = \"lost\"\n[[elevation]]\nfile = \"lost.tif\"\n").unwrap();
+    says(&run("lost.toml"), "lost.tif: not found");
+    assert!(!case.path("out").exists());
 }

@@ -1,15 +1,20 @@
 //! The program `stoop-chart`: speed against accuracy, as a page.
 
+#[cfg_attr(feature = "prepare", path = "chart/sources.rs")]
+#[cfg_attr(not(feature = "prepare"), path = "chart/no_sources.rs")]
+mod sources;
+
 use anyhow::Context;
 use clap::Parser;
 use indicatif::{ProgressBar, ProgressStyle};
+use sources::Sources;
 use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 use std::sync::Arc;
 use stoop::camera::FlightPath;
 use stoop::chart::{
-    Flight, PAGE_FILE, PICTURES_MAX, RUNS_MAX, Report, Sweep, cost_by_distance, figure_of_rows, fly_all, fly_live,
-    frame_time_figures, frame_times, picture_errors, redundancy_by_delay,
+    Figure, Flight, Flown, PAGE_FILE, PICTURES_MAX, RUNS_MAX, Report, Sweep, cost_by_distance, figure_of_rows, fly_all,
+    fly_live, frame_time_figures, frame_times, height_errors, picture_errors, redundancy_by_delay,
 };
 use stoop::engine::{GroundProbe, Source};
 use stoop::geodesy::Geodetic;
@@ -34,6 +39,7 @@ one at hand. Storage models: hdd, ssd, lan, wan, mobile, or LATENCY_MS,MB_PER_S,
 Examples:
   stoop-chart WORLD --path dive.json --out charts
   stoop-chart WORLD --path dive.json --live --pictures 12 --out charts
+  stoop-chart WORLD --path dive.json --against recipe.toml --out charts
   stoop-chart WORLD --path dive.json street.json --storage 'wan;20,50,4' --tolerance-px 1,0.5,2,4 --out charts";
 
 /// Charts speed against accuracy: runs flights with many settings and writes a page about them.
@@ -89,6 +95,12 @@ struct Arguments {
     /// Where frame cost against distance is counted, degrees [default: the middle of the largest set of objects]
     #[arg(long, value_name = "LON,LAT", value_parser = place)]
     over: Option<(f64, f64)>,
+    /// Also measure how far the drawn ground is off the sources of this recipe, that the world was prepared from
+    #[arg(long, value_name = "RECIPE.toml")]
+    against: Option<PathBuf>,
+    /// What relative paths in the recipe are relative to; its own folder by default
+    #[arg(long, value_name = "DIR", requires = "against")]
+    root: Option<PathBuf>,
     /// Also draw rows of these CSV files: x, y, and the name of the curve where there are several
     #[arg(long, value_name = "FILE.csv", num_args = 1..)]
     rows: Vec<PathBuf>,
@@ -143,6 +155,8 @@ fn refuse(error: &clap::Error) -> ExitCode {
 fn run(arguments: Arguments) -> anyhow::Result<()> {
     let source = open(&arguments)?;
     let sweep = sweep(&arguments, &source)?;
+    let against = arguments.against.as_ref();
+    let sources = against.map(|recipe| Sources::open(recipe, arguments.root.as_deref())).transpose()?;
     let runs = sweep.runs();
     anyhow::ensure!(runs.len() <= RUNS_MAX, "{} runs are more than {RUNS_MAX}: name fewer values", runs.len());
     let library = Library::new(source.index.clone(), source.reader.clone());
@@ -153,6 +167,9 @@ fn run(arguments: Arguments) -> anyhow::Result<()> {
     if let Some(place) = city(&arguments, &source) {
         let (size_px, tolerance_px) = (sweep.sizes_px[0], sweep.tolerances_px[0]);
         further.push(cost_by_distance(&library, place, size_px, tolerance_px)?);
+    }
+    if let Some(sources) = &sources {
+        further.push(heights(sources, &library, &sweep, &flown)?);
     }
     if let Some(count) = arguments.pictures {
         eprintln!("comparing pictures");
@@ -178,6 +195,14 @@ fn run(arguments: Arguments) -> anyhow::Result<()> {
         println!("on {}: {tolerance_px} px, {footprint}: {}", profile.storage, profile.why);
     }
     Ok(())
+}
+
+/// How far the drawn ground is off the sources.
+fn heights(sources: &Sources, library: &Library, sweep: &Sweep, flown: &[Flown]) -> anyhow::Result<Figure> {
+    eprintln!("comparing heights");
+    let figure = height_errors(library, sweep, flown, sources)?;
+    sources.check()?;
+    Ok(figure)
 }
 
 /// On the ground: where it was asked for, else the middle of the largest set of objects; `None` in a world without any.

@@ -12,8 +12,8 @@ use serde::Serialize;
 
 /// Errors of runs at different tolerances are compared by what they lack of the front at this one, px.
 pub const REFERENCE_PX: f64 = 0.25;
-/// Seconds of flight from one frame that is compared with the reference to the next.
-const SAMPLE_S: f64 = 0.5;
+/// Seconds of flight from one frame that is compared with the reference, or with the source, to the next.
+pub(super) const SAMPLE_S: f64 = 0.5;
 
 /// A frame of a run whose frames are kept.
 #[derive(Clone, Copy, Debug, PartialEq)]

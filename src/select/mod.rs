@@ -24,7 +24,6 @@ use crate::geodesy::OrientedBox;
 use demands::DemandList;
 use front::Purpose;
 use measure::LayerMeasure;
-use sight::{Sight, Tolerance};
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -34,6 +33,7 @@ pub use front::STAND_IN_LEVELS;
 pub use layer::{Rep, ground_page};
 pub use needed::{Needed, Seen, StoredMeshes, StoredPages, needed, needed_and_seen};
 pub use region::{FrontRegion, VisitRegion};
+pub(crate) use sight::{Sight, Tolerance};
 
 /// VGIS's four ways to draw objects (Davis et al. 1999, §V).
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -4,6 +4,7 @@ pub mod accuracy;
 pub mod debt;
 pub mod distance;
 pub mod fetch;
+pub mod heights;
 pub mod layouts;
 pub mod modelled;
 pub mod speed;

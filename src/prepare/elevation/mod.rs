@@ -101,7 +101,12 @@ impl Elevation {
 
     /// Height above the ellipsoid, metres; 0 outside all sources.
     pub fn height_m(&self, lat_rad: f64, lon_rad: f64) -> f64 {
-        self.composite_m(0, lat_rad, lon_rad).unwrap_or(0.0)
+        self.source_height_m(lat_rad, lon_rad).unwrap_or(0.0)
+    }
+
+    /// The same; none outside all sources.
+    pub fn source_height_m(&self, lat_rad: f64, lon_rad: f64) -> Option<f64> {
+        self.composite_m(0, lat_rad, lon_rad)
     }
 
     /// The truth of the layers from `first` on; none where they have nothing.
