@@ -4,9 +4,12 @@
 
 mod towns;
 
+use std::collections::BTreeMap;
+use std::f64::consts::FRAC_PI_2;
 use stoop::camera::{Pose, View};
 use stoop::content::PageKind;
 use stoop::engine::Source;
+use stoop::forest::CellId;
 use stoop::geodesy::Geodetic;
 use stoop::select::{Needed, Seen, SelectParams, Urgency, needed, needed_and_seen};
 use stoop::simulate::{Frame, Library, Setup, Simulation};
@@ -21,7 +24,11 @@ fn view(height_m: f64, heading_deg: f64, pitch_deg: f64) -> View {
 
 /// A frame with all that its front asks for.
 fn settled<'a>(library: &'a Library, view: &View) -> (Simulation<'a>, Frame) {
-    let mut simulation = Simulation::new(library, Setup::new(StorageModel::SSD, 0.1)).unwrap();
+    settled_with(library, view, Setup::new(StorageModel::SSD, 0.1))
+}
+
+fn settled_with<'a>(library: &'a Library, view: &View, setup: Setup) -> (Simulation<'a>, Frame) {
+    let mut simulation = Simulation::new(library, setup).unwrap();
     for step in 0..100 {
         let frame = simulation.frame(view, f64::from(step) * 0.1);
         if simulation.is_settled() {
@@ -36,6 +43,36 @@ fn library(folder: &tempfile::TempDir) -> Library {
     towns::make(folder.path(), &at, &towns::set("west", "west.geojson"));
     let source = Source::of(World::open(&at).unwrap());
     Library::new(source.index.clone(), source.reader.clone())
+}
+
+/// What a coarse page has beyond a narrow view is not drawn, and what it has in it is.
+#[test]
+fn a_page_that_reaches_far_beyond_the_view_is_drawn_in_parts() {
+    let folder = towns::sources();
+    let library = library(&folder);
+    let (height_m, half_rad) = (30_000.0, 4f64.to_radians());
+    let pose = Pose { eye: Geodetic::from_degrees(33.55, -84.35, height_m), heading_rad: 0.0, pitch_rad: -FRAC_PI_2 };
+    let view = View::new(pose, 2.0 * half_rad, [360, 360]);
+    let mut setup = Setup::new(StorageModel::SSD, 0.1);
+    setup.tolerance_px = 4.0;
+    let (_, frame) = settled_with(&library, &view, setup);
+    let pieces = &frame.selection.pieces;
+    let whole: usize = pieces
+        .iter()
+        .map(|piece| (piece.terrain.cell, piece.terrain.triangles.len()))
+        .collect::<BTreeMap<_, _>>()
+        .into_values()
+        .sum();
+    let drawn: usize = pieces.iter().map(|piece| piece.terrain.cut(piece.cell).surface_len as usize / 3).sum();
+    assert!(whole > 400 && 3 * drawn < whole, "{drawn} of {whole}");
+    assert!(pieces.iter().all(|piece| view.frustum().meets(&piece.around)));
+    let reach_deg = (0.98 * height_m * half_rad.tan() / 6_378_137.0).to_degrees();
+    for at in 0..400 {
+        let (u, v) = (f64::from(at % 20) / 9.5 - 1.0, f64::from(at / 20) / 9.5 - 1.0);
+        let (lat, lon) = (33.55 + v * reach_deg, -84.35 + u * reach_deg / 33.55f64.to_radians().cos());
+        let place = CellId::containing(lat.to_radians(), lon.to_radians(), 20);
+        assert_eq!(pieces.iter().filter(|piece| piece.cell.contains(place)).count(), 1, "{lat} {lon}");
+    }
 }
 
 fn needs(library: &Library, view: &View, tolerance_px: f64) -> Needed {

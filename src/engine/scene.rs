@@ -11,7 +11,7 @@ use crate::paging::{
     DrawnLevels, DrawnTolerance, Frame, FrameReport, FrameTimings, KnownWay, Lack, Modelled, Planner, Totals,
 };
 use crate::render::Renderer;
-use crate::select::{Demand, OutOfView, SelectParams, Selection, needed, select_raised};
+use crate::select::{Demand, DrawPiece, OutOfView, SelectParams, Selection, needed, select_raised};
 use std::time::{Duration, Instant};
 
 /// How long a settled frame waits for a failed page between tries, on its own clock, seconds.
@@ -145,7 +145,7 @@ impl Scene {
         };
         timed(&mut timings.lift_ms, || self.lift(&selection, sink));
         self.residency.usage.drawn(&selection);
-        self.level_switches += u64::from(self.levels.switch(selection.pieces.iter().map(|piece| piece.cell)));
+        self.level_switches += u64::from(self.levels.switch(selection.pieces.iter().map(DrawPiece::page_cell)));
         Chosen {
             selection,
             would_have_waited: would_have_waited.unwrap_or(false),

@@ -24,6 +24,10 @@ use glam::DVec3;
 /// How many levels below a missing page of the front finer pages may stand in for it.
 pub const STAND_IN_LEVELS: u8 = 3;
 
+/// Pieces with more triangles than this are parted where quadrants of theirs are out of view. What a part has more of skirts and
+/// calls is less than what a quadrant of fewer saves.
+const PARTED_TRIANGLES: usize = 192;
+
 /// A piece before its skirts are known.
 #[derive(Clone, Copy, Debug)]
 pub struct Piece {
@@ -171,7 +175,7 @@ impl<'a> Walk<'a, '_> {
             && self.cells.has_finer(region.cell);
         let here = piece(&region, &layers, distance_m, around);
         if settled && !stands_in {
-            self.pieces.extend(here);
+            here.into_iter().for_each(|here| self.draw(&region, &layers, here));
             return;
         }
         let first = self.pieces.len();
@@ -184,7 +188,55 @@ impl<'a> Walk<'a, '_> {
                 self.visit(Region { cell, node, absent, heights_m, above_m: distance_m }, layers, standing);
             }
         }
-        self.merge(first, here);
+        // One piece of those below where all of them draw what the cell itself would draw.
+        if let Some(here) = here
+            && self.pieces.len() > first
+            && self.pieces[first..].iter().all(|piece| piece.draws_like(&here))
+        {
+            self.pieces.truncate(first);
+            self.draw(&region, &layers, here);
+        }
+    }
+
+    /// Draws a piece, or its parts where some of them are out of view: a coarse page reaches far beyond a narrow view.
+    fn draw(&mut self, region: &Region<'a>, layers: &Layers, here: Piece) {
+        if self.triangles_about(&here) <= PARTED_TRIANGLES {
+            self.pieces.push(here);
+            return;
+        }
+        let (first, mut is_whole) = (self.pieces.len(), true);
+        for quadrant in Quadrant::ALL {
+            let Some(cell) = region.cell.child(quadrant) else { continue };
+            let node = region.node.filter(Node::has_children).and_then(|node| node.child(quadrant));
+            let heights_m = node.map_or(region.heights_m, |node| node.height_range_m());
+            let around = OrientedBox::around(&cell.bounds(), heights_m.0, heights_m.1);
+            let distance_m = around.distance_m(self.sight.eye).max(here.distance_m);
+            let part = Region { cell, node, absent: None, heights_m, above_m: here.distance_m };
+            let Some(piece) = piece(&part, layers, distance_m, around) else { continue };
+            self.stats.cells_tested += 1;
+            if self.sight.sees(&piece.around) {
+                let before = self.pieces.len();
+                self.draw(&part, layers, piece);
+                is_whole &= self.pieces.len() == before + 1 && self.pieces[before].cell == cell;
+                continue;
+            }
+            is_whole = false;
+            self.stats.cells_culled += 1;
+            if self.purpose == Purpose::Draw(OutOfView::Coarse) && !self.sight.horizon.hides_box(&piece.around) {
+                self.pieces.push(piece);
+            }
+        }
+        if is_whole {
+            self.pieces.truncate(first);
+            self.pieces.push(here);
+        }
+    }
+
+    /// Of a piece, were its page's spread evenly.
+    fn triangles_about(&self, piece: &Piece) -> usize {
+        let page = self.cells.terrain(piece.terrain.rep.cell);
+        let levels = u32::from(piece.cell.level().saturating_sub(piece.terrain.rep.cell.level()));
+        page.map_or(0, |page| page.triangles.len() >> (2 * levels).min(usize::BITS - 1))
     }
 
     /// A piece out of view, from the pages drawn above it; from its own where nothing is above.
@@ -226,17 +278,6 @@ impl<'a> Walk<'a, '_> {
         layers.terrain.step(&terrain, px_per_m, self.sight.tolerance);
         layers.imagery.step(&imagery, px_per_m, self.sight.tolerance);
         children
-    }
-
-    /// Makes one piece of the pieces below a cell when all of them draw what the cell itself would draw.
-    fn merge(&mut self, first: usize, here: Option<Piece>) {
-        if let Some(here) = here
-            && self.pieces.len() > first
-            && self.pieces[first..].iter().all(|piece| piece.draws_like(&here))
-        {
-            self.pieces.truncate(first);
-            self.pieces.push(here);
-        }
     }
 
     /// Shows the segment that begins at a cell in view, if it comes and goes.

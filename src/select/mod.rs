@@ -121,6 +121,14 @@ pub struct DrawPiece {
     pub around: OrientedBox,
 }
 
+impl DrawPiece {
+    /// Cell of the finer of its pages; the piece may be a part of it.
+    pub fn page_cell(&self) -> CellId {
+        let finer = self.imagery.filter(|imagery| imagery.level() > self.terrain.cell.level());
+        finer.unwrap_or(self.terrain.cell)
+    }
+}
+
 /// Objects to draw of a resident page.
 #[derive(Clone, Debug)]
 pub struct DrawObjects {

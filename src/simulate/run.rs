@@ -12,7 +12,7 @@ use crate::paging::{
     Modelled, Planner, PlannerParams, PolicyName, RangeRead, ReadError, RequestManager, Totals, Usage, drawn_pages,
     held_bytes, least_footprint_bytes, pinned_demands,
 };
-use crate::select::{Demand, ObjectsMode, SelectParams, Selection, Urgency, needed_and_seen, select_raised};
+use crate::select::{Demand, DrawPiece, ObjectsMode, SelectParams, Selection, Urgency, needed_and_seen, select_raised};
 use crate::storage::{Counters, Disk, Faults, PartOutcome, Request, StorageModel};
 use crate::units::ByteSize;
 use std::collections::{HashMap, HashSet};
@@ -435,7 +435,7 @@ impl<'a> Simulation<'a> {
             waited_s = self.wait(view, t_s, &mut selection);
         }
         self.usage.drawn(&selection);
-        self.level_switches += u64::from(self.levels.switch(selection.pieces.iter().map(|piece| piece.cell)));
+        self.level_switches += u64::from(self.levels.switch(selection.pieces.iter().map(DrawPiece::page_cell)));
         let mut report = self.report(&selection, t_s);
         report.would_have_waited = would_have_waited;
         report.waited_s = waited_s;
