@@ -11,6 +11,7 @@ mod needed;
 mod objects;
 mod polygon;
 mod region;
+mod seen;
 mod sight;
 mod skirts;
 mod solid;
@@ -31,8 +32,9 @@ pub use collections::CollectionSet;
 pub use demands::{SHARE_MIN, service_order};
 pub use front::STAND_IN_LEVELS;
 pub use layer::{Rep, ground_page};
-pub use needed::{Needed, Seen, StoredMeshes, StoredPages, needed, needed_and_seen};
+pub use needed::{Needed, StoredPages, needed, needed_and_seen};
 pub use region::{FrontRegion, VisitRegion};
+pub use seen::{Seen, StoredMeshes};
 pub(crate) use sight::{Sight, Tolerance};
 
 /// VGIS's four ways to draw objects (Davis et al. 1999, §V).

@@ -4,20 +4,20 @@
 //! Exact means: a triangle of the ground counts where it has a part in the view's pyramid that the horizon does not hide,
 //! and the distance that a cell is judged by is that of the nearest such part, not of its box. Objects count one by one,
 //! by the balls round them; which rep stands for them is chosen as a selection does. There are no skirts, no pages kept
-//! for later, no cells beside the view. What of it shows, with what stands in front of it, is told beside: [`Seen`].
+//! for later, no cells beside the view. What of it shows beside what stands in front of it: [`Seen`].
 
 use super::front::Purpose;
-use super::hidden::DepthMap;
 use super::layer::ground_page;
 use super::objects;
 use super::region::FrontRegion;
+use super::seen::{Scene, Seen, StoredMeshes, triangle_count};
 use super::sight::{Sight, Tolerance};
 use super::solid::{Part, part_in_view};
 use super::{OutOfView, SelectParams, SelectStats};
 use crate::camera::View;
 use crate::cells::LiveTree;
 use crate::content::rtin::{Active, Triangle};
-use crate::content::{Object, ObjectMesh, ObjectPage, PageId, PageKind, TerrainPage, WORLD_IMAGE_COARSER};
+use crate::content::{ObjectPage, PageId, PageKind, TerrainPage, WORLD_IMAGE_COARSER};
 use crate::forest::index::{IndexForest, Node, Place};
 use crate::forest::{CellId, Quadrant};
 use crate::geodesy::{Ecef, OrientedBox, Point, SEMI_MAJOR_M};
@@ -29,11 +29,6 @@ use std::sync::Arc;
 pub trait StoredPages {
     fn terrain(&self, cell: CellId, place: Place) -> Option<Arc<TerrainPage>>;
     fn objects(&self, page: PageId, place: Place) -> Option<Arc<ObjectPage>>;
-}
-
-/// Gives meshes of stored pages of objects too.
-pub trait StoredMeshes: StoredPages {
-    fn mesh(&self, page: PageId, place: Place) -> Option<Arc<ObjectMesh>>;
 }
 
 /// What is resident alone: a page that is not is taken for the nearest coarser one, so that the ground counts too few
@@ -64,21 +59,6 @@ pub struct Needed {
     /// Of the ground, were each page's network cut to the tolerance at the distance of each triangle instead of that of
     /// the page's nearest part (Lindstrom & Pascucci 2001; conforming inside pages): one cut over the whole view.
     pub view_cut_triangles: u64,
-}
-
-/// Of what one view needs, what is not wholly behind something nearer: triangles of the ground one by one, objects as
-/// wholes. What shows in no pixel, nor beside one, does not count.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct Seen {
-    pub pages: BTreeMap<PageId, Place>,
-    pub terrain_triangles: u64,
-    pub object_triangles: u64,
-}
-
-impl Seen {
-    pub fn triangles(&self) -> u64 {
-        self.terrain_triangles + self.object_triangles
-    }
 }
 
 impl Needed {
@@ -123,78 +103,6 @@ fn gather(index: &IndexForest, sight: &Sight<'_>, params: &SelectParams, pages: 
     let mut found = walk.found;
     gather_objects(index, sight, params, pages, &mut found);
     found
-}
-
-/// What is needed, and of what it consists.
-#[derive(Default)]
-struct Scene {
-    needed: Needed,
-    /// Parts in view of each page of the ground.
-    ground: Vec<(PageId, Vec<Part>)>,
-    /// Of each picture, what of the ground it lies on.
-    pictures: Vec<(PageId, Vec<Part>)>,
-    /// Numbers of the objects in view of each page.
-    objects: Vec<(PageId, Arc<ObjectPage>, Vec<usize>)>,
-}
-
-impl Scene {
-    fn seen(&self, sight: &Sight<'_>, pages: &dyn StoredMeshes) -> Seen {
-        let mut map = DepthMap::new(sight.view);
-        let parts = self.ground.iter().flat_map(|(_, parts)| parts);
-        parts.for_each(|part| map.draw(part.corners));
-        let meshed: Vec<_> = self
-            .objects
-            .iter()
-            .filter_map(|(id, page, objects)| Some((*id, page, objects, pages.mesh(*id, *self.needed.pages.get(id)?)?)))
-            .collect();
-        for (_, page, objects, mesh) in &meshed {
-            let of_all = objects.iter().flat_map(|&object| triangles_of(page, &page.objects[object], mesh, sight));
-            of_all.for_each(|triangle| map.draw(triangle));
-        }
-        let mut seen = Seen::default();
-        for (id, parts) in &self.ground {
-            let shown = parts.iter().filter(|part| map.shows(part.corners)).count() as u64;
-            seen.terrain_triangles += shown;
-            seen.take(*id, shown > 0, &self.needed);
-        }
-        for (id, parts) in &self.pictures {
-            seen.take(*id, parts.iter().any(|part| map.shows(part.corners)), &self.needed);
-        }
-        for (id, page, objects, mesh) in &meshed {
-            let shown = objects.iter().map(|&object| &page.objects[object]);
-            let shown = shown.filter(|object| triangles_of(page, object, mesh, sight).any(|of| map.shows(of)));
-            let shown = shown.map(triangle_count).sum::<u64>();
-            seen.object_triangles += shown;
-            seen.take(*id, shown > 0, &self.needed);
-        }
-        seen
-    }
-}
-
-impl Seen {
-    fn take(&mut self, page: PageId, shows: bool, needed: &Needed) {
-        self.pages.extend(needed.pages.get_key_value(&page).filter(|_| shows));
-    }
-}
-
-/// Of an object, from the eye.
-fn triangles_of<'a>(
-    page: &ObjectPage,
-    object: &Object,
-    mesh: &'a ObjectMesh,
-    sight: &Sight<'_>,
-) -> impl Iterator<Item = [DVec3; 3]> + use<'a> {
-    let origin = (page.origin - sight.eye).xyz();
-    let indices = mesh.indices.get(object.indices.start as usize..object.indices.end as usize).unwrap_or_default();
-    let corner = move |at: u32| {
-        let vertex = mesh.vertices.get(at as usize)?;
-        Some(origin + DVec3::from(vertex.position_m.map(f64::from)))
-    };
-    indices.chunks_exact(3).filter_map(move |of| Some([corner(of[0])?, corner(of[1])?, corner(of[2])?]))
-}
-
-fn triangle_count(object: &Object) -> u64 {
-    u64::from(object.indices.end - object.indices.start) / 3
 }
 
 /// State of the ground on the way down.
