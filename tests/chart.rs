@@ -149,9 +149,9 @@ fn heights_keep_their_bounds_and_grow_with_the_tolerance(file: &Path) {
         let [fine, coarse] = figures(column)[..] else { panic!("two tolerances") };
         assert!(0.0 < fine && fine < coarse, "{column}: {fine} {coarse}");
     }
-    for column in ["triangles_mean", "bytes"] {
-        assert!(figures(column)[0] > figures(column)[1], "{column}");
-    }
+    assert!(figures("bytes")[0] > figures("bytes")[1]);
+    // A coarse page that reaches beyond the view may have more triangles than the fine ones in it.
+    assert!(figures("triangles_mean").iter().all(|&triangles| triangles > 0.0));
     assert!(figures("posts").iter().all(|&posts| posts > 500.0), "{:?}", figures("posts"));
     assert_eq!(figures("over_bound_posts"), [0.0, 0.0]);
     for (at, row) in rows.iter().enumerate() {
@@ -180,9 +180,11 @@ fn a_profile_is_taken_and_flags_win(case: &Case, file: &Path) {
     let report = fly(&[]);
     assert_eq!(report["tolerance_px"].as_f64(), profile.tolerance_px);
     assert_eq!(report["footprint_limit_bytes"].as_u64(), profile.footprint_bytes);
-    for ratio in ["drawn_over_needed", "drawn_over_front", "needed_over_view_cut"] {
-        assert!(report[ratio]["mean"].as_f64().unwrap() >= 1.0, "{ratio}: {}", report[ratio]);
-    }
+    let mean = |ratio: &str| report[ratio]["mean"].as_f64().unwrap();
+    assert!(mean("needed_over_view_cut") >= 1.0 && mean("drawn_over_needed") >= 1.0, "{report}");
+    // What of the needed reps lies beyond the view is not drawn, and what is behind something nearer is.
+    assert!(0.0 < mean("drawn_over_front") && mean("drawn_over_front") < mean("drawn_over_needed"), "{report}");
+    assert!(mean("drawn_over_seen") >= mean("drawn_over_needed"), "{report}");
     let report = fly(&["--tolerance-px", "3", "--footprint", "99MiB"]);
     assert_eq!(
         (report["tolerance_px"].as_f64(), report["footprint_limit_bytes"].as_u64()),

@@ -135,6 +135,12 @@ impl Frustum {
         self.inward.iter().all(|&normal| to_center.dot(normal) >= -bounds.extent_along_m(normal))
     }
 
+    /// Whether a box is inside wholly.
+    pub fn holds(&self, bounds: &OrientedBox) -> bool {
+        let to_center = (bounds.center - self.eye).xyz();
+        self.inward.iter().all(|&normal| to_center.dot(normal) >= bounds.extent_along_m(normal))
+    }
+
     /// Whether a ball may be inside: false only when it lies wholly outside one plane.
     pub fn meets_ball(&self, center: Point<Ecef>, radius_m: f64) -> bool {
         let to_center = (center - self.eye).xyz();

@@ -200,7 +200,7 @@ impl<'a> Walk<'a, '_> {
 
     /// Draws a piece, or its parts where some of them are out of view: a coarse page reaches far beyond a narrow view.
     fn draw(&mut self, region: &Region<'a>, layers: &Layers, here: Piece) {
-        if self.triangles_about(&here) <= PARTED_TRIANGLES {
+        if self.triangles_about(&here) <= PARTED_TRIANGLES || self.sight.sees_all(&here.around) {
             self.pieces.push(here);
             return;
         }

@@ -63,6 +63,11 @@ impl<'a> Sight<'a> {
         self.frustum.meets(bounds) && !self.horizon.hides_box(bounds)
     }
 
+    /// Whether no part of the box is out of view, and no corner of it behind the horizon.
+    pub fn sees_all(&self, bounds: &OrientedBox) -> bool {
+        self.frustum.holds(bounds) && !bounds.corners().iter().any(|&corner| self.horizon.hides(corner))
+    }
+
     /// Share of the screen, 0 to 1, of the quad between the corners of a cell at `height_m`, clipped to the viewport;
     /// parts behind the horizon do not count, what stands in front of it does not hide it.
     pub fn screen_share(&self, bounds: &GeoBounds, height_m: f64) -> f64 {
