@@ -9,6 +9,9 @@ use stoop::geodesy::{
 };
 
 mod exact;
+mod vincenty;
+
+use vincenty::vincenty_m;
 
 fn quiet(cases: u32) -> ProptestConfig {
     ProptestConfig { cases, failure_persistence: None, ..ProptestConfig::default() }
@@ -216,36 +219,6 @@ fn a_spherical_horizon_hides_what_can_be_seen() {
     assert!(!HorizonCone::new(eye, 0.0).hides(hill));
     // The naive way finds the eye itself 21 km inside.
     assert!(eye.xyz().length() < SEMI_MAJOR_M - 20_000.0);
-}
-
-/// Vincenty's inverse (1975) as it is usually written; `None` when 1000 rounds do not settle.
-fn vincenty_m(from: Geodetic, to: Geodetic) -> Option<f64> {
-    let reduced = |lat: f64| ((1.0 - FLATTENING) * lat.tan()).atan().sin_cos();
-    let ((sin_1, cos_1), (sin_2, cos_2)) = (reduced(from.lat_rad), reduced(to.lat_rad));
-    let span = to.lon_rad - from.lon_rad;
-    let mut lambda = span;
-    for _ in 0..1000 {
-        let (sin_l, cos_l) = lambda.sin_cos();
-        let sin_sigma = (cos_2 * sin_l).hypot(cos_1 * sin_2 - sin_1 * cos_2 * cos_l);
-        let cos_sigma = sin_1 * sin_2 + cos_1 * cos_2 * cos_l;
-        let sigma = sin_sigma.atan2(cos_sigma);
-        let sin_alpha = cos_1 * cos_2 * sin_l / sin_sigma;
-        let cos_sq = 1.0 - sin_alpha * sin_alpha;
-        let cos_2m = if cos_sq == 0.0 { 0.0 } else { cos_sigma - 2.0 * sin_1 * sin_2 / cos_sq };
-        let c = FLATTENING / 16.0 * cos_sq * (4.0 + FLATTENING * (4.0 - 3.0 * cos_sq));
-        let turn = cos_2m + c * cos_sigma * (2.0 * cos_2m * cos_2m - 1.0);
-        let next = span + (1.0 - c) * FLATTENING * sin_alpha * (sigma + c * sin_sigma * turn);
-        if (next - lambda).abs() < 1e-12 {
-            let u_sq = cos_sq * ECCENTRICITY_SQ / (1.0 - ECCENTRICITY_SQ);
-            let a = 1.0 + u_sq / 16384.0 * (4096.0 + u_sq * (-768.0 + u_sq * (320.0 - 175.0 * u_sq)));
-            let b = u_sq / 1024.0 * (256.0 + u_sq * (-128.0 + u_sq * (74.0 - 47.0 * u_sq)));
-            let inner = cos_sigma * (2.0 * cos_2m * cos_2m - 1.0)
-                - b / 6.0 * cos_2m * (4.0 * sin_sigma * sin_sigma - 3.0) * (4.0 * cos_2m * cos_2m - 3.0);
-            return Some(SEMI_MINOR_M * a * (sigma - b * sin_sigma * (cos_2m + b / 4.0 * inner)));
-        }
-        lambda = next;
-    }
-    None
 }
 
 #[test]

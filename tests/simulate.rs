@@ -5,15 +5,14 @@ mod made_up;
 
 use made_up::flights::{dive, path, pose, wander};
 use made_up::random::{AnyPage, page_as_stored, pages_of};
-use made_up::{Plan, build, is_near, with_roots};
+use made_up::{town_world, with_roots};
 use std::collections::BTreeSet;
 use std::path::Path;
 use std::sync::Arc;
 use stoop::camera::{FlightPath, View};
 use stoop::content::{PageId, PageKind};
 use stoop::engine::Source;
-use stoop::forest::CellId;
-use stoop::forest::index::{IndexForest, Place};
+use stoop::forest::index::Place;
 use stoop::paging::{FrameReport, Lack, PageState, PlannerParams, PolicyName, drawn_pages};
 use stoop::select::{SelectParams, Urgency, select};
 use stoop::simulate::{Frame, Library, Setup, Simulation, SimulationError};
@@ -33,18 +32,8 @@ const MIB: u64 = 1 << 20;
 /// Those of [`Setup::new`].
 const PARAMS: SelectParams = SelectParams::DEFAULT;
 
-/// Terrain and pictures round a place, and pages of objects at it.
-fn world() -> IndexForest {
-    let refines =
-        |finest: u8| move |cell: CellId| cell.level() < 2 || (cell.level() < finest && is_near(cell, LAT_DEG, LON_DEG));
-    let middle = CellId::containing(LAT_DEG.to_radians(), LON_DEG.to_radians(), 13);
-    let around =
-        (0..25).filter_map(|n| CellId::new(middle.zone(), 13, middle.xy().0 + n % 5 - 2, middle.xy().1 + n / 5));
-    build(&Plan { terrain_refines: refines(14), imagery_refines: refines(13), object_roots: around.collect() })
-}
-
 fn library() -> Library {
-    Library::new(world(), Arc::new(AnyPage))
+    Library::new(town_world(LAT_DEG, LON_DEG), Arc::new(AnyPage))
 }
 
 fn with_policy(policy: PolicyName, setup: Setup) -> Setup {

@@ -11,6 +11,7 @@ mod exact;
 mod made_up;
 mod scene;
 mod towns;
+mod vincenty;
 
 mod stability {
     pub mod clocks;

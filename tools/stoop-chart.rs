@@ -3,6 +3,7 @@
 #[cfg_attr(feature = "prepare", path = "chart/sources.rs")]
 #[cfg_attr(not(feature = "prepare"), path = "chart/no_sources.rs")]
 mod sources;
+mod world;
 
 use anyhow::Context;
 use clap::Parser;
@@ -21,8 +22,8 @@ use stoop::geodesy::Geodetic;
 use stoop::paging::PolicyName;
 use stoop::simulate::Library;
 use stoop::storage::{Faults, StorageModel};
-use stoop::store::{CACHE_LIMIT, DiskCache, OpenOptions, World};
 use stoop::units::{ByteSize, number, positive};
+use world::WorldArguments;
 
 const DETAILS: &str = "\
 Flies WORLD by the virtual clock with all settings asked for, and writes into DIR:
@@ -46,14 +47,8 @@ Examples:
 #[derive(Parser)]
 #[command(name = "stoop-chart", version, after_help = DETAILS)]
 struct Arguments {
-    /// Folder or address (http://, https://, s3://) of the world
-    world: PathBuf,
-    /// Keep what is read of a world behind an address in this folder, and read it there
-    #[arg(long, value_name = "DIR")]
-    cache: Option<PathBuf>,
-    /// What the cache may take on the disk
-    #[arg(long, value_name = "SIZE", default_value_t = CACHE_LIMIT, requires = "cache")]
-    cache_limit: ByteSize,
+    #[command(flatten)]
+    world: WorldArguments,
     /// Flights, JSON
     #[arg(long = "path", value_name = "FILE", required = true, num_args = 1..)]
     paths: Vec<PathBuf>,
@@ -219,10 +214,7 @@ fn city(arguments: &Arguments, source: &Source) -> Option<Geodetic> {
 }
 
 fn open(arguments: &Arguments) -> anyhow::Result<Source> {
-    let cache = arguments.cache.as_deref().map(|folder| DiskCache::open(folder, arguments.cache_limit)).transpose()?;
-    let options = OpenOptions { cache: cache.map(Arc::new), ..OpenOptions::default() };
-    let world = World::open_with(&arguments.world, &options)?;
-    world.notice().into_iter().for_each(|notice| eprintln!("stoop-chart: {notice}"));
+    let world = arguments.world.open("stoop-chart")?;
     let Some(name) = &arguments.layout else { return Ok(Source::of(world)) };
     let (source, refused) = Source::with_layout(world, name);
     refused.map_or(Ok(source), |refused| Err(anyhow::anyhow!(refused)))

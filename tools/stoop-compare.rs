@@ -1,5 +1,7 @@
 //! The program `stoop-compare`: policies over flights and storage models, by the virtual clock.
 
+mod world;
+
 use anyhow::Context;
 use clap::Parser;
 use serde_json::Value;
@@ -11,8 +13,8 @@ use stoop::engine::{GroundProbe, Source};
 use stoop::paging::{PlannerParams, PolicyName, PolicyParams};
 use stoop::simulate::{Library, Setup};
 use stoop::storage::{Faults, StorageModel};
-use stoop::store::{CACHE_LIMIT, DiskCache, OpenOptions, World};
 use stoop::units::{ByteSize, positive};
+use world::WorldArguments;
 
 const DETAILS: &str = "\
 Writes runs.csv, a line for each run, and table.md, the best variant of each policy side by side, into DIR.
@@ -27,14 +29,8 @@ Example:
 #[derive(Parser)]
 #[command(name = "stoop-compare", version, after_help = DETAILS)]
 struct Arguments {
-    /// Folder or address (http://, https://, s3://) of the world
-    world: PathBuf,
-    /// Keep what is read of a world behind an address in this folder, and read it there
-    #[arg(long, value_name = "DIR")]
-    cache: Option<PathBuf>,
-    /// What the cache may take on the disk
-    #[arg(long, value_name = "SIZE", default_value_t = CACHE_LIMIT, requires = "cache")]
-    cache_limit: ByteSize,
+    #[command(flatten)]
+    world: WorldArguments,
     /// Flights: files, or folders of them
     #[arg(long, required = true, num_args = 1..)]
     paths: Vec<PathBuf>,
@@ -78,11 +74,7 @@ struct Arguments {
 
 fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
-    let cache = arguments.cache.as_deref().map(|folder| DiskCache::open(folder, arguments.cache_limit)).transpose()?;
-    let options = OpenOptions { cache: cache.map(Arc::new), ..OpenOptions::default() };
-    let world = World::open_with(&arguments.world, &options)?;
-    world.notice().into_iter().for_each(|notice| eprintln!("stoop-compare: {notice}"));
-    let source = Source::of(world);
+    let source = Source::of(arguments.world.open("stoop-compare")?);
     let flights = load_flights(&arguments.paths, &source)?;
     let variants = variants(arguments.grid.as_deref(), &arguments.only)?;
     let cases = cases(&arguments, &flights, &variants);

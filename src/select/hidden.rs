@@ -74,8 +74,8 @@ impl DepthMap {
     pub fn shows(&self, triangle: [DVec3; 3]) -> bool {
         let Some(shape) = self.shape(triangle) else { return false };
         let reach_px = 0.5 + BESIDE_PX;
-        let [columns, rows] = self.pixels(&shape, reach_px);
-        rows.clone().any(|row| {
+        let [columns, mut rows] = self.pixels(&shape, reach_px);
+        rows.any(|row| {
             columns.clone().any(|column| {
                 let middle = middle_of(column, row);
                 let nearest = f64::from(self.nearest[row * self.size_px[0] + column]);

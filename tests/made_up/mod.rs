@@ -104,6 +104,16 @@ pub fn dive_world(lat_deg: f64, lon_deg: f64, terrain: u8, imagery: u8) -> Index
     })
 }
 
+/// Terrain and pictures round a place, and pages of objects at it.
+pub fn town_world(lat_deg: f64, lon_deg: f64) -> IndexForest {
+    let refines =
+        |finest: u8| move |cell: CellId| cell.level() < 2 || (cell.level() < finest && is_near(cell, lat_deg, lon_deg));
+    let middle = CellId::containing(lat_deg.to_radians(), lon_deg.to_radians(), 13);
+    let around =
+        (0..25).filter_map(|n| CellId::new(middle.zone(), 13, middle.xy().0 + n % 5 - 2, middle.xy().1 + n / 5));
+    build(&Plan { terrain_refines: refines(14), imagery_refines: refines(13), object_roots: around.collect() })
+}
+
 /// A flat page of four posts.
 pub fn terrain_page(cell: CellId, height_m: f32, parent_height_m: f32) -> Page {
     let posts = [(0, 0), (64, 0), (0, 64), (64, 64)].map(|(column, row)| TerrainPost {

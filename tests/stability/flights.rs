@@ -4,13 +4,11 @@ use super::search::first_of_all_that_hold;
 use super::table::{Row, digits};
 use crate::made_up::flights::{dive, path, pose};
 use crate::made_up::random::AnyPage;
-use crate::made_up::{Plan, build, is_near};
+use crate::made_up::town_world;
 use std::collections::{HashMap, VecDeque};
 use std::sync::Arc;
 use stoop::camera::{FlightPath, Pose, View};
 use stoop::content::PageId;
-use stoop::forest::CellId;
-use stoop::forest::index::IndexForest;
 use stoop::paging::{FrameReport, Lack, PlannerParams, PolicyName};
 use stoop::simulate::{Frame, Library, Setup, Simulation};
 use stoop::storage::{Faults, StorageModel};
@@ -20,18 +18,8 @@ const LAT_DEG: f64 = 33.0;
 const LON_DEG: f64 = -84.0;
 const STEP_S: f64 = 1.0 / 30.0;
 
-/// Terrain and pictures round a place, and pages of objects at it.
-fn world() -> IndexForest {
-    let refines =
-        |finest: u8| move |cell: CellId| cell.level() < 2 || (cell.level() < finest && is_near(cell, LAT_DEG, LON_DEG));
-    let middle = CellId::containing(LAT_DEG.to_radians(), LON_DEG.to_radians(), 13);
-    let around =
-        (0..25).filter_map(|n| CellId::new(middle.zone(), 13, middle.xy().0 + n % 5 - 2, middle.xy().1 + n / 5));
-    build(&Plan { terrain_refines: refines(14), imagery_refines: refines(13), object_roots: around.collect() })
-}
-
 pub fn library() -> Library {
-    Library::new(world(), Arc::new(AnyPage))
+    Library::new(town_world(LAT_DEG, LON_DEG), Arc::new(AnyPage))
 }
 
 fn setup(policy: PolicyName, storage: StorageModel) -> Setup {
